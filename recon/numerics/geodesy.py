@@ -1,0 +1,173 @@
+"""Geodetic, Earth-fixed and local coordinates, and normal gravity.
+
+Latitude and longitude are in DEGREES here, as in the streams; every other angle of recon is in radians. Heights are
+above the ellipsoid. Frames: `_e` Earth-centred, Earth-fixed (ECEF); `_n` local East-North-Up about an anchor.
+
+References
+    NIMA TR8350.2 (2000), "Department of Defense World Geodetic System 1984", tables 3.1 and 3.4, eq. 4-1 and 4-3.
+    Bowring (1976), "Transformation from spatial to geographical coordinates", Survey Review 23(181), 323-327.
+    Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., chapter 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+EARTH_RATE = 7.292115e-5
+"""Angular rate of the Earth, rad/s (TR8350.2, table 3.1)."""
+
+# Normal gravity of WGS84, TR8350.2 table 3.4: at the equator in m/s^2, constant k of Somigliana, ratio m of
+# centrifugal force to gravity.
+_GRAVITY_EQUATOR = 9.7803253359
+_SOMIGLIANA = 0.00193185265241
+_CENTRIFUGAL_RATIO = 0.00344978650684
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid of revolution: semi-major axis a in m, flattening f."""
+
+    a: float
+    f: float
+
+    @property
+    def b(self) -> float:
+        """Semi-minor axis, m."""
+        return self.a * (1.0 - self.f)
+
+    @property
+    def e2(self) -> float:
+        """First eccentricity squared, 1 - (b / a)^2."""
+        return self.f * (2.0 - self.f)
+
+
+WGS84 = Ellipsoid(a=6_378_137.0, f=1.0 / 298.257223563)
+SPHERE = Ellipsoid(a=6_371_000.0, f=0.0)
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Origin of a local frame: lat and lon in degrees, height in m above the ellipsoid."""
+
+    lat: float
+    lon: float
+    height: float
+
+
+def radii_of_curvature(lat_deg: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> tuple[Floats, Floats]:
+    """Radii of the meridian (north-south) and of the prime vertical (east-west). Groves 2013, eq. 2.105 and 2.106.
+
+    lat_deg : (...) deg
+    returns : meridian (...) m, prime_vertical (...) m
+    """
+    w2 = 1.0 - ellipsoid.e2 * np.sin(_radians(lat_deg)) ** 2
+    return np.asarray(ellipsoid.a * (1.0 - ellipsoid.e2) / w2**1.5), np.asarray(ellipsoid.a / np.sqrt(w2))
+
+
+def geodetic_to_ecef(
+    lat_deg: ArrayLike, lon_deg: ArrayLike, height_m: ArrayLike, ellipsoid: Ellipsoid = WGS84
+) -> Floats:
+    """Earth-fixed position. Groves 2013, eq. 2.112.
+
+    lat_deg, lon_deg : (...) deg, height_m : (...) m, broadcast against each other
+    returns : (..., 3) m, ECEF
+    """
+    lat, lon, height = np.broadcast_arrays(_radians(lat_deg), _radians(lon_deg), np.asarray(height_m, dtype=np.float64))
+    normal = radii_of_curvature(lat_deg, ellipsoid)[1]
+    from_axis = (normal + height) * np.cos(lat)
+    z = ((1.0 - ellipsoid.e2) * normal + height) * np.sin(lat)
+    return np.stack((from_axis * np.cos(lon), from_axis * np.sin(lon), z), axis=-1)
+
+
+def ecef_to_geodetic(pos_e: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> tuple[Floats, Floats, Floats]:
+    """Latitude, longitude and height of Earth-fixed positions. Bowring 1976, iterated.
+
+    Two rounds reach rounding from 2000 km below the surface to any height; the poles are regular.
+
+    pos_e : (..., 3) m, ECEF
+    returns : lat (...) deg, lon (...) deg in [-180, 180], height (...) m
+    """
+    x, y, z = np.moveaxis(np.asarray(pos_e, dtype=np.float64), -1, 0)
+    a, b, e2 = ellipsoid.a, ellipsoid.b, ellipsoid.e2
+    from_axis = np.hypot(x, y)
+    parametric = np.arctan2(a * z, b * from_axis)
+    lat = parametric
+    for _ in range(2):
+        north = z + e2 * a**2 / b * np.sin(parametric) ** 3
+        outward = from_axis - e2 * a * np.cos(parametric) ** 3
+        lat = np.arctan2(north, outward)
+        parametric = np.arctan2(b * np.sin(lat), a * np.cos(lat))
+    sin_lat = np.sin(lat)
+    height = from_axis * np.cos(lat) + z * sin_lat - a * np.sqrt(1.0 - e2 * sin_lat**2)
+    return np.degrees(lat), np.degrees(np.arctan2(y, x)), np.asarray(height)
+
+
+def geodetic_to_enu(
+    lat_deg: ArrayLike, lon_deg: ArrayLike, height_m: ArrayLike, anchor: Anchor, ellipsoid: Ellipsoid = WGS84
+) -> Floats:
+    """Position in the plane that touches the ellipsoid below the anchor; exact, no flat-Earth series.
+
+    lat_deg, lon_deg : (n,) deg, height_m : (n,) m, broadcast against each other
+    returns : (n, 3) m, local East-North-Up
+    """
+    pos_e = geodetic_to_ecef(lat_deg, lon_deg, height_m, ellipsoid)
+    return np.asarray((pos_e - _origin_e(anchor, ellipsoid)) @ _rot_en(anchor))
+
+
+def enu_to_geodetic(pos_n: ArrayLike, anchor: Anchor, ellipsoid: Ellipsoid = WGS84) -> tuple[Floats, Floats, Floats]:
+    """The inverse of `geodetic_to_enu`.
+
+    pos_n : (n, 3) m, local East-North-Up
+    returns : lat (n,) deg, lon (n,) deg in [-180, 180], height (n,) m
+    """
+    pos_e = _origin_e(anchor, ellipsoid) + np.asarray(pos_n, dtype=np.float64) @ _rot_en(anchor).T
+    return ecef_to_geodetic(pos_e, ellipsoid)
+
+
+def normal_gravity(lat_deg: ArrayLike, height_m: ArrayLike) -> Floats:
+    """Magnitude of WGS84 normal gravity, centrifugal force included: Somigliana, then the free-air reduction.
+
+    The true vertical gravity differs by up to about 2e-3 m/s^2 (anomalies).
+
+    lat_deg : (...) deg; height_m : (...) m, some tens of km at most; broadcast against each other
+    returns : (...) m/s^2, positive, pointing down
+    source : TR8350.2, eq. 4-1 and 4-3
+    """
+    sin2 = np.sin(_radians(lat_deg)) ** 2
+    height = np.asarray(height_m, dtype=np.float64) / WGS84.a
+    surface = _GRAVITY_EQUATOR * (1.0 + _SOMIGLIANA * sin2) / np.sqrt(1.0 - WGS84.e2 * sin2)
+    slope = 2.0 * (1.0 + WGS84.f + _CENTRIFUGAL_RATIO - 2.0 * WGS84.f * sin2)
+    return np.asarray(surface * (1.0 - slope * height + 3.0 * height**2))
+
+
+def earth_rate_n(lat_deg: ArrayLike) -> Floats:
+    """Angular rate of the Earth in the local frame.
+
+    lat_deg : (...) deg
+    returns : (..., 3) rad/s, local East-North-Up
+    """
+    lat = _radians(lat_deg)
+    return EARTH_RATE * np.stack((np.zeros_like(lat), np.cos(lat), np.sin(lat)), axis=-1)
+
+
+def _origin_e(anchor: Anchor, ellipsoid: Ellipsoid) -> Floats:
+    return geodetic_to_ecef(anchor.lat, anchor.lon, anchor.height, ellipsoid)
+
+
+def _rot_en(anchor: Anchor) -> Floats:
+    """Local to Earth-fixed; its columns are east, north and up. Groves 2013, eq. 2.150, for East-North-Up."""
+    lat, lon = _radians(anchor.lat), _radians(anchor.lon)
+    (sin_lat, sin_lon), (cos_lat, cos_lon) = np.sin((lat, lon)), np.cos((lat, lon))
+    east = (-sin_lon, cos_lon, 0.0)
+    north = (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
+    up = (cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)
+    return np.array((east, north, up)).T
+
+
+def _radians(degrees: ArrayLike) -> Floats:
+    return np.radians(np.asarray(degrees, dtype=np.float64))

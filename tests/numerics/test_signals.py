@@ -1,0 +1,208 @@
+"""Signals against plain loops that follow the definitions, and against NumPy where it has the same function."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+
+from recon.numerics import signals
+
+EPS = np.finfo(float).eps
+assert_within = partial(assert_allclose, rtol=0.0)
+values = st.floats(-100.0, 100.0, allow_subnormal=False)
+series = st.integers(1, 60).flatmap(lambda n: arrays(float, n, elements=values))
+windows = st.integers(0, 20).map(lambda half: 2 * half + 1)
+held_values = st.sampled_from([0.0, 1.0, 2.0, np.nan])
+
+
+@given(st.floats(-1e6, 1e6))
+def test_wrapped_angle_lies_in_the_half_open_turn_and_on_the_same_ray(angle):
+    wrapped = signals.wrap_angle(angle)
+    assert -np.pi < wrapped <= np.pi
+    # A turn is known to 2.4e-16 rad, and 1e6 rad hold 1.6e5 of them.
+    assert_within(np.exp(1j * wrapped), np.exp(1j * angle), atol=1.6e5 * 2.5e-16 + 4 * EPS)
+
+
+@pytest.mark.parametrize("angle", [np.pi, -np.pi, 3 * np.pi, -3 * np.pi])
+def test_half_turn_is_wrapped_to_plus_pi(angle):
+    assert signals.wrap_angle(angle) == np.pi
+
+
+def test_angle_inside_the_turn_is_returned_bit_for_bit():
+    inside = np.array([0.0, 1e-300, -1e-20, 3.0, np.nextafter(-np.pi, 0.0), np.pi])
+    assert_array_equal(signals.wrap_angle(inside), inside)
+
+
+@given(series, windows)
+def test_moving_average_is_the_mean_of_the_symmetric_window(y, window):
+    n, half = len(y), window // 2
+    reach = [min(half, i, n - 1 - i) for i in range(n)]
+    expected = [np.mean(y[i - r : i + r + 1]) for i, r in enumerate(reach)]
+    # Sixty sums of numbers up to 100.
+    assert_within(signals.moving_average(y, window), expected, atol=60 * 100 * EPS)
+
+
+@given(windows, st.floats(-1e9, 1e9), st.integers(1, 300))
+def test_constant_passes_the_moving_average_bit_for_bit(window, constant, n):
+    y = np.full((n, 2), constant)
+    assert_array_equal(signals.moving_average(y, window), y)
+
+
+def test_straight_line_passes_the_moving_average():
+    line = np.linspace([0.0, -1.0], [1e6, 5.0], 100_000)
+    # Nothing drifts: the error stays at a few roundings of the value, however long the signal.
+    assert_within(signals.moving_average(line, 401), line, atol=20 * EPS * 1e6)
+
+
+def test_nan_touches_only_the_windows_that_hold_it():
+    y = np.ones(50)
+    y[20] = np.nan
+    assert_array_equal(np.flatnonzero(np.isnan(signals.moving_average(y, 5))), [18, 19, 20, 21, 22])
+    assert_array_equal(np.flatnonzero(np.isnan(signals.rolling_std(y, 5))), [18, 19, 20, 21, 22])
+
+
+@given(series, windows)
+def test_rolling_std_is_that_of_the_nearest_full_window(y, window):
+    n, size = len(y), min(window, len(y))
+    starts = np.clip(np.arange(n) - window // 2, 0, n - size)
+    expected = [np.var(y[start : start + size]) for start in starts]
+    # Compared as variances, for the root is steep at 0: sixty sums of numbers up to 100^2.
+    assert_within(signals.rolling_std(y, window) ** 2, expected, atol=60 * 1e4 * EPS)
+
+
+def test_rolling_std_does_not_feel_a_large_offset():
+    # Multiples of 2^-20 beside 2^27 are exact. A difference of mean squares would leave an error of about 1.
+    y = np.round(np.random.default_rng(0).normal(0.0, 0.01, 500) * 2**20) / 2**20
+    # The means of the blocks are rounded to eps 2^27 = 3e-8 each, in a handful of joins.
+    assert_within(signals.rolling_std(y + 2.0**27, 21), signals.rolling_std(y, 21), atol=5 * EPS * 2**27)
+
+
+def test_averages_of_nothing_are_nothing():
+    assert signals.moving_average(np.zeros((0, 3)), 5).shape == (0, 3)
+    assert signals.rolling_std(np.zeros((0, 3)), 5).shape == (0, 3)
+
+
+@pytest.mark.parametrize("window", [0, -3, 4])
+def test_window_must_be_odd_and_positive(window):
+    for function in (signals.moving_average, signals.rolling_std):
+        with pytest.raises(ValueError, match=f"odd, positive number of samples, not {window}"):
+            function(np.ones(9), window)
+
+
+def test_derivative_of_a_parabola_is_exact_at_irregular_times():
+    t = np.cumsum(np.random.default_rng(0).uniform(0.1, 1.0, 50))
+    y = np.stack((3 * t**2 - 2 * t + 1, -(t**2)), axis=1)
+    # Values up to 3 * 50^2 are rounded and divided by steps of 0.1, with weights of up to ten.
+    assert_within(signals.differentiate(t, y), np.stack((6 * t - 2, -2 * t), axis=1), atol=10 * 7500 * EPS / 0.1)
+
+
+def test_derivative_of_few_samples():
+    assert_array_equal(signals.differentiate([0.0, 2.0], [1.0, 5.0]), [2.0, 2.0])
+    assert_array_equal(signals.differentiate([0.0], [1.0]), [np.nan])
+    assert signals.differentiate([], []).shape == (0,)
+
+
+@given(series, st.integers(0, 2**32 - 1))
+def test_interpolation_is_that_of_numpy_inside_the_span(y, seed):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.1, 1.0, len(y)))
+    t_new = np.concatenate((rng.uniform(t[0], t[-1], 50), t))
+    # The fraction is known to eps * t / step = 600 eps, of differences up to 200.
+    assert_within(signals.interpolate(t_new, t, y), np.interp(t_new, t, y), atol=600 * 200 * EPS)
+    assert_array_equal(signals.interpolate(t, t, y), y)
+
+
+def test_nothing_is_invented_outside_the_span():
+    assert_array_equal(signals.interpolate([-0.1, 0.0, 1.0, 1.1], [0.0, 1.0], [5.0, 6.0]), [np.nan, 5.0, 6.0, np.nan])
+    assert_array_equal(signals.interpolate([0.0, 1.0], np.zeros(0), np.zeros((0, 2))), np.full((2, 2), np.nan))
+    assert_array_equal(signals.interpolate([0.0, 1.0, 2.0], [1.0], [7.0]), [np.nan, 7.0, np.nan])
+
+
+def test_nothing_is_invented_inside_long_gaps_but_samples_beside_them_stay():
+    t, y = np.array([0, 10, 30, 40]), np.array([0.0, 1.0, 3.0, 4.0])
+    t_new = np.array([5, 10, 15, 25, 30, 35])
+    assert_array_equal(signals.interpolate(t_new, t, y, max_gap=10), [0.5, 1.0, np.nan, np.nan, 3.0, 3.5])
+    assert_array_equal(signals.interpolate(t_new, t, y, max_gap=20), [0.5, 1.0, 1.5, 2.5, 3.0, 3.5])
+
+
+def test_nan_samples_are_skipped_column_by_column():
+    t = np.array([0.0, 1.0, 2.0, 3.0])
+    y = np.array([[0.0, np.nan], [np.nan, 1.0], [4.0, 2.0], [6.0, np.nan]])
+    t_new = np.array([0.5, 1.5, 2.5])
+    assert_array_equal(signals.interpolate(t_new, t, y), [[1.0, np.nan], [3.0, 1.5], [5.0, np.nan]])
+    assert_array_equal(signals.interpolate(t_new, t, y, max_gap=1.0)[:, 0], [np.nan, np.nan, 5.0])
+    assert np.all(np.isnan(signals.interpolate(t_new, t, np.full(4, np.nan))))
+
+
+def test_nanoseconds_since_the_epoch_lose_nothing():
+    t = 1_700_000_000_000_000_000 + np.array([0, 10, 20])  # a double resolves 256 of these
+    assert_array_equal(signals.interpolate(t[:1] + np.arange(0, 21, 5), t, [0.0, 1.0, 3.0]), [0.0, 0.5, 1.0, 2.0, 3.0])
+
+
+def test_times_of_two_types_are_refused():
+    with pytest.raises(TypeError, match="both float seconds or both integer nanoseconds, not float64 and int64"):
+        signals.interpolate(np.array([0.5]), np.array([0, 1]), [1.0, 2.0])
+
+
+@pytest.mark.parametrize("turns", [0.0, 2 * np.pi, -6 * np.pi])
+def test_angle_is_interpolated_the_shorter_way(turns):
+    angle = np.array([3.0, np.nan, -3.0, 0.0]) + turns
+    result = signals.interpolate_angle([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 2.0, 4.0], np.stack((angle, -angle), axis=1))
+    expected = np.array([3.0, np.pi, -3.0, -1.5])
+    # pi may come out on either side of the cut; six turns are rounded to 4e-15.
+    difference = signals.wrap_angle(result - np.stack((expected, -expected), axis=1))
+    assert_within(difference, 0.0, atol=1e-14)
+    assert np.all(np.abs(result) <= np.pi)
+
+
+def test_angles_leave_their_argument_alone():
+    angle = np.array([3.0, -3.0])
+    signals.interpolate_angle([0.5], [0.0, 1.0], angle)
+    assert_array_equal(angle, [3.0, -3.0])
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_runs_rebuild_the_mask_and_never_touch(mask):
+    found = signals.runs(mask)
+    rebuilt = np.zeros(len(mask), dtype=bool)
+    for start, stop in found:
+        assert start < stop
+        rebuilt[start:stop] = True
+    assert_array_equal(rebuilt, mask)
+    assert np.all(found[1:, 0] > found[:-1, 1])
+
+
+def test_runs_of_nothing_have_two_columns():
+    assert signals.runs([]).shape == signals.runs([False, False]).shape == (0, 2)
+
+
+@given(st.lists(st.tuples(held_values, held_values), max_size=30))
+def test_changes_are_numbers_that_differ_from_the_last_of_their_column(rows):
+    last: list[float | None] = [None, None]
+    expected = []
+    for row in rows:
+        news = False
+        for column, value in enumerate(row):
+            if not np.isnan(value):
+                news |= last[column] is None or value != last[column]
+                last[column] = value
+        expected.append(news)
+    y = np.array(rows, dtype=float).reshape(-1, 2)
+    assert_array_equal(signals.changes(y), np.array(expected, dtype=bool))
+
+
+def test_held_value_is_reported_once():
+    assert_array_equal(signals.changes([4.0, 4.0, np.nan, 4.0, 5.0, np.nan]), [1, 0, 0, 0, 1, 0])
+    assert_array_equal(signals.changes(np.array([7, 7, 8])), [True, False, True])
+
+
+def test_median_rate_does_not_feel_a_gap():
+    t_ns = 1_700_000_000_000_000_000 + np.array([0, 10, 20, 30, 9000, 9010]) * 1_000_000
+    assert signals.median_rate(t_ns) == 100.0
+    assert np.isnan(signals.median_rate(t_ns[:1]))
