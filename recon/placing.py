@@ -1,0 +1,69 @@
+"""Placing streams: rows in time, attitude at the times of the imu, a trajectory on the Earth."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.errors import DataError
+from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic
+from recon.numerics.signals import runs
+from recon.rows import spans
+from recon.tables import Array, matrix, meta, replace, time_ns, with_meta
+
+EARTHS: Final = {"wgs84": WGS84, "sphere": SPHERE}
+"""Figures of the Earth by the name that a stream's fact `earth` gives."""
+
+
+def rows_during(table: pa.Table, events: pa.Table | None, kind: str) -> NDArray[np.intp]:
+    """Rows of a stream that lie inside the events of one kind, their ends included.
+
+    Events that overlap or leave no row between them count as one; events without any row are left out.
+
+    returns : (m, 2) start and stop of each run of rows, half-open, rising
+    """
+    t_ns = time_ns(table)
+    found = np.array(spans(events, kind), dtype=np.int64).reshape(-1, 2)
+    opened = np.zeros(len(t_ns) + 1, dtype=np.intp)
+    np.add.at(opened, np.searchsorted(t_ns, found[:, 0], side="left"), 1)
+    np.add.at(opened, np.searchsorted(t_ns, found[:, 1], side="right"), -1)
+    return runs(np.cumsum(opened)[:-1] > 0)
+
+
+def attitude_of(imu: pa.Table, attitude: pa.Table) -> Array:
+    """The attitude at each row of the imu: (n, 4), vehicle to local.
+
+    Raises DataError where the two streams do not have the same times.
+    """
+    if not np.array_equal(time_ns(imu), time_ns(attitude)):
+        raise DataError(
+            f"attitude ({attitude.num_rows} rows) and imu ({imu.num_rows} rows) do not have the same times",
+            "put integrator.attitude after the last step that changes the times of imu",
+        )
+    return matrix(attitude, "q")
+
+
+def anchor_of(table: pa.Table | None) -> Anchor | None:
+    """Origin of the local frame in which a stream's positions are given; None where it is not known."""
+    facts = {} if table is None else meta(table)
+    return Anchor(**facts["anchor"]) if "anchor" in facts else None
+
+
+def geolocate(trajectory: pa.Table, anchored: pa.Table | None) -> pa.Table:
+    """The trajectory with lat, lon (deg) and height (m) of its positions, null where the anchor is not known.
+
+    anchored : a stream whose own facts name the local frame: anchor, earth, height_datum; they become facts of the
+    trajectory as well
+    """
+    anchor = anchor_of(anchored)
+    facts = {} if anchored is None else meta(anchored)
+    place = np.full((3, trajectory.num_rows), np.nan)
+    if anchor is not None:
+        ellipsoid = EARTHS[facts.get("earth", "wgs84")]
+        place = np.array(enu_to_geodetic(matrix(trajectory, "pos", gaps=True), anchor, ellipsoid))
+    lat, lon, height = place
+    located = replace(trajectory, lat=lat, lon=lon, height=height)
+    return with_meta(located, **{name: facts.get(name) for name in ("anchor", "earth", "height_datum")})

@@ -1,0 +1,234 @@
+"""The records by which plugins declare stages, one class per role.
+
+A stage is data about a pure function: what it is called, what parameters it takes, which streams and columns it
+reads and writes, and the function itself. The framework calls the function with Arrow tables by name; anybody else
+may call it just so.
+
+    role                                             run
+    Reader                                           run(path, params) -> Streams
+    Simulator                                        run(params) -> Streams
+    Filter Detector Aligner Integrator Fuser Analyzer  run(*, <stream> ..., params) -> Streams
+    Exporter                                         run(*, <stream> ..., folder, about, params) -> list[Path]
+    Executor                                         run(jobs, params) -> Iterator[Outcome]
+
+The names of a function's arguments are the keys of `reads`. A stage may always return `metrics` rows; it neither
+prints nor logs. Raise DataError or NotEnoughData for data that do not suffice.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, TypeAlias
+
+from recon.parameters import NoParams, Params, setting
+from recon.schema import METRICS, Change, Need, Schema
+
+Schemas: TypeAlias = dict[str, Schema]
+PlanFunction: TypeAlias = Callable[[Mapping[str, Schema], Any], Schemas]
+
+
+@dataclass(frozen=True)
+class Sniff:
+    """How sure a reader is that a file is its own: confidence 0 to 1, and why, as a phrase that users read."""
+
+    confidence: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """What every role declares.
+
+    name : without the role; the entry point is "<role>.<name>"
+    summary : one sentence for lists
+    run : the function
+    version : raised whenever the results for given inputs change
+    params : class of the parameters
+    reads : by argument name, what is needed of that stream
+    writes : by stream name, its schema, or how the stream of that name that was read is changed
+    plan : the same step on schemas, where `writes` does not suffice: (schemas by port, params) -> schemas by port
+    references : papers, standards
+    """
+
+    role: ClassVar[str] = ""
+    given: ClassVar[tuple[str, ...]] = ("params",)
+
+    name: str
+    summary: str
+    run: Callable[..., Any]
+    version: int = 1
+    params: type[Params] = NoParams
+    reads: Mapping[str, Need] = field(default_factory=dict)
+    writes: Mapping[str, Schema | Change] = field(default_factory=dict)
+    plan: PlanFunction | None = None
+    references: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """What YAML writes after `use:`."""
+        return f"{self.role}.{self.name}"
+
+    def outputs(self, inputs: Mapping[str, Schema], params: Params) -> Schemas:
+        """Schemas of the streams that a run on inputs of these schemas returns."""
+        if self.plan is not None:
+            planned = dict(self.plan(inputs, params))
+        else:
+            planned = {}
+            for name, effect in self.writes.items():
+                if isinstance(effect, Schema):
+                    planned[name] = effect
+                elif name in inputs:
+                    planned[name] = effect.apply(inputs[name])
+        return {**planned, "metrics": METRICS}
+
+    def faults(self) -> list[str]:
+        """What is wrong with the declaration, as sentences; empty where nothing is."""
+        found = []
+        if not self.name.replace("_", "").isalnum() or self.name != self.name.lower():
+            found.append(f"the name '{self.name}' must be of lower-case letters, digits and _")
+        if not (isinstance(self.params, type) and issubclass(self.params, Params)):
+            return [*found, "params must be a subclass of recon.Params"]
+        if not self.summary.strip():
+            found.append("the summary is empty")
+        changed = [name for name, effect in self.writes.items() if isinstance(effect, Change)]
+        found += [
+            f"it changes the stream '{name}', which it does not read"
+            for name in changed
+            if name not in self.reads and self.plan is None
+        ]
+        return found + self._argument_faults()
+
+    def _argument_faults(self) -> list[str]:
+        try:
+            taken = set(inspect.signature(self.run).parameters)
+        except (TypeError, ValueError):
+            return ["run is no function whose arguments can be read"]
+        needed = {*self.given, *self.reads, *self._also_given()}
+        missing, unknown = sorted(needed - taken), sorted(taken - needed)
+        found = [f"its function does not take the argument(s) {missing}, which it is given"] if missing else []
+        if unknown:
+            found.append(f"its function takes the argument(s) {unknown}, which it does not declare to read")
+        return found
+
+    def _also_given(self) -> set[str]:
+        return set()
+
+
+class Delegation(Params):
+    """Parameters of a reader that hands over to other readers."""
+
+    readers: dict[str, dict[str, Any]] = setting({}, doc="Parameters of other readers, by their names.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader(Stage):
+    """Reads one file or folder; what depends on the file is optional in `writes`.
+
+    sniff : (path, the first 64 KiB, b"" for a folder) -> Sniff; None for a reader that must be named
+    self_describing : its tables carry units, frames and quantities themselves, as files of our own do; streams and
+        columns beyond `writes` are taken as they are
+    params : a subclass of Delegation for a reader that hands over to others; its function also takes `registry`
+    """
+
+    role: ClassVar[str] = "reader"
+    given: ClassVar[tuple[str, ...]] = ("path", "params")
+
+    sniff: Callable[..., Sniff] | None = None
+    self_describing: bool = False
+
+    @property
+    def delegates(self) -> bool:
+        """Does it hand over to other readers?"""
+        return issubclass(self.params, Delegation)
+
+    def _also_given(self) -> set[str]:
+        return {"registry"} if self.delegates else set()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulator(Stage):
+    """Makes a recording from parameters and a seed alone."""
+
+    role: ClassVar[str] = "simulator"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filter(Stage):
+    """Gives streams of the same name, cleaned or completed."""
+
+    role: ClassVar[str] = "filter"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detector(Stage):
+    """Finds events."""
+
+    role: ClassVar[str] = "detector"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aligner(Stage):
+    """Turns or shifts streams into another frame or clock."""
+
+    role: ClassVar[str] = "aligner"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integrator(Stage):
+    """Integrates rates to attitude, or accelerations to motion."""
+
+    role: ClassVar[str] = "integrator"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fuser(Stage):
+    """Combines several sensors to one trajectory."""
+
+    role: ClassVar[str] = "fuser"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Analyzer(Stage):
+    """Adds metrics, events and new streams; replaces none."""
+
+    role: ClassVar[str] = "analyzer"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exporter(Stage):
+    """Writes files into a folder.
+
+    every_stream : its function takes `streams`, all streams by name, in place of single ones
+    """
+
+    role: ClassVar[str] = "exporter"
+    given: ClassVar[tuple[str, ...]] = ("folder", "about", "params")
+
+    every_stream: bool = False
+
+    def _also_given(self) -> set[str]:
+        return {"streams"} if self.every_stream else set()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Executor(Stage):
+    """Runs the jobs of a batch."""
+
+    role: ClassVar[str] = "executor"
+    given: ClassVar[tuple[str, ...]] = ("jobs", "params")
+
+
+ROLES: Final[Mapping[str, type[Stage]]] = {
+    record.role: record
+    for record in (
+        Reader, Simulator, Filter, Detector, Aligner, Integrator, Fuser, Analyzer, Exporter, Executor
+    )
+}  # fmt: skip
+
+
+def role_of(key: str) -> str:
+    """Role of "<role>.<name>"; "" where it is none."""
+    role, dot, name = key.partition(".")
+    return role if dot and name and role in ROLES else ""

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recon import ATTITUDE, GNSS, IMU, TRAJECTORY, Event, build, events, matrix, meta, vector, with_meta
+from recon.errors import DataError
+from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodetic_to_enu
+from recon.placing import anchor_of, attitude_of, geolocate, rows_during
+
+BOLOGNA = {"lat": 44.5, "lon": 11.35, "height": 60.0}
+
+
+def imu_at(*t_ns):
+    zeros = np.zeros((len(t_ns), 3))
+    return build(IMU, time=np.array(t_ns, dtype=np.int64), accel=zeros, gyro=zeros)
+
+
+def attitude_at(*t_ns):
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t_ns), 1))
+    return build(ATTITUDE, time=np.array(t_ns, dtype=np.int64), q=q)
+
+
+def trajectory_at(pos):
+    return build(TRAJECTORY, time=np.arange(len(pos), dtype=np.int64), pos=pos)
+
+
+def test_rows_during_events_include_both_ends():
+    found = rows_during(imu_at(0, 10, 20, 30, 40), events([Event(10, 30, "standstill")]), "standstill")
+    assert found.tolist() == [[1, 4]]
+
+
+def test_events_that_overlap_count_once():
+    stops = events([Event(0, 20, "standstill"), Event(10, 30, "standstill"), Event(50, 60, "standstill")])
+    assert rows_during(imu_at(0, 10, 20, 30, 40, 50, 60), stops, "standstill").tolist() == [[0, 4], [5, 7]]
+
+
+def test_events_without_rows_and_of_other_kinds_are_left_out():
+    stops = events([Event(11, 19, "standstill"), Event(0, 40, "crash"), Event(90, 99, "standstill")])
+    assert rows_during(imu_at(0, 10, 20), stops, "standstill").tolist() == []
+
+
+@pytest.mark.parametrize("t_ns", [(), (5,)])
+def test_rows_during_no_events_are_none(t_ns):
+    assert rows_during(imu_at(*t_ns), None, "standstill").shape == (0, 2)
+
+
+def test_attitude_at_other_times_than_the_imu_is_refused():
+    assert attitude_of(imu_at(0, 10), attitude_at(0, 10)).shape == (2, 4)
+    with pytest.raises(DataError, match="same times"):
+        attitude_of(imu_at(0, 10), attitude_at(0, 11))
+
+
+@pytest.mark.parametrize(("earth", "ellipsoid"), [("wgs84", WGS84), ("sphere", SPHERE)])
+def test_a_trajectory_is_located_with_the_anchor_and_figure_of_the_earth_of_its_positions(earth, ellipsoid):
+    pos = np.array([[0.0, 0.0, 0.0], [1000.0, -2000.0, 30.0]])
+    gnss = with_meta(build(GNSS, time=np.zeros(1, dtype=np.int64)), anchor=BOLOGNA, earth=earth, height_datum="msl")
+    located = geolocate(trajectory_at(pos), gnss)
+    place = [vector(located, name) for name in ("lat", "lon", "height")]
+    # One unit of rounding of a coordinate of 6.4e6 m is 1e-9 m; some tens of operations.
+    np.testing.assert_allclose(geodetic_to_enu(*place, Anchor(**BOLOGNA), ellipsoid), pos, atol=1e-7)
+    assert {"anchor": BOLOGNA, "earth": earth, "height_datum": "msl"}.items() <= meta(located).items()
+    assert anchor_of(located) == Anchor(**BOLOGNA)
+
+
+def test_without_an_anchor_the_place_is_null_and_no_old_anchor_stays():
+    old = with_meta(trajectory_at(np.ones((2, 3))), anchor=BOLOGNA)
+    located = geolocate(old, None)
+    assert np.isnan(matrix(located, "lat", gaps=True)).all()
+    assert located["height"].null_count == 2
+    assert anchor_of(located) is None
