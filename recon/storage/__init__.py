@@ -1,0 +1,111 @@
+"""Recordings on disk: as Parquet files or as one MCAP file, the same numbers in both.
+
+A folder holds one or the other:
+    DIR/streams/<stream>.parquet       store="parquet", see recon.storage.parquet
+    DIR/streams.mcap                   store="mcap", see recon.storage.mcap
+
+Written and read with
+    write_recording(recording, Path("drive1"), store="mcap")
+    read_recording(Path("drive1"))
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from recon.errors import ConfigError, ReadFailed, StorageError
+from recon.problems import Problem, one_of
+from recon.recording import Recording
+from recon.schema import SCHEMA_NUMBER
+from recon.storage import mcap, parquet
+from recon.storage.atomic import refuse_existing, staged_file, staged_folder
+from recon.tables import with_meta
+
+__all__ = [
+    "STORES",
+    "read_recording",
+    "refuse_existing",
+    "staged_file",
+    "staged_folder",
+    "store_of",
+    "write_recording",
+]
+
+STORES: Final = ("parquet", "mcap")
+
+_FOLDER: Final = "streams"
+_FILE: Final = "streams.mcap"
+_NAME: Final = re.compile(r"[a-z0-9][a-z0-9_]*")
+
+
+def write_recording(recording: Recording, folder: Path, store: str = "parquet") -> list[Path]:
+    """Write all streams and the meta into a folder; the paths of the files, sorted.
+
+    Every stream is stamped with the schema's number; of its schema metadata only recon's own are kept. Equal
+    recordings give equal bytes. What is being written has a temporary name until it is complete.
+    Raises ConfigError for an unknown store or where a recording is there already, StorageError where it cannot be
+    written.
+    """
+    if store not in STORES:
+        raise ConfigError([Problem(None, "unknown-store", f"there is no store '{store}'", f"use {one_of(STORES)}")])
+    for name in recording:
+        if not _NAME.fullmatch(name):
+            raise StorageError(f"no stream can be kept as '{name}'", "use lower-case letters, digits and _")
+    for place in (folder / _FOLDER, folder / _FILE):
+        refuse_existing(place)
+    stamped = Recording({name: with_meta(table) for name, table in recording.items()}, recording.meta)
+    if store == "parquet":
+        with staged_folder(folder / _FOLDER) as partial_folder:
+            parquet.write_folder(stamped, partial_folder)
+        return sorted((folder / _FOLDER).iterdir())
+    with staged_file(folder / _FILE) as partial_file:
+        mcap.write_file(stamped, partial_file)
+    return [folder / _FILE]
+
+
+def read_recording(path: Path) -> Recording:
+    """The recording in a run's folder, a folder of Parquet files, a Parquet file or an MCAP file of recon.
+
+    Raises ReadFailed where there is none, it is damaged, or a newer recon wrote it.
+    """
+    if not path.exists():
+        raise ReadFailed(path, "there is no such file or folder")
+    store = store_of(path)
+    if not store:
+        raise ReadFailed(path, "it is no result of recon, Parquet file or MCAP file")
+    if store == "mcap":
+        recording = mcap.read_file(path / _FILE if path.is_dir() else path)
+    elif path.is_dir():
+        recording = parquet.read_folder(path / _FOLDER if (path / _FOLDER).is_dir() else path)
+    else:
+        recording = Recording({path.stem: parquet.read_file(path)})
+    for name, table in recording.items():
+        _refuse_newer(table, name, path)
+    return recording
+
+
+def store_of(path: Path) -> str:
+    """How a file or folder keeps a recording: one of STORES, "" where it holds none as far as can be seen."""
+    if path.is_dir():
+        if (path / _FOLDER).is_dir() or (any(path.glob("*.parquet")) and not (path / _FILE).exists()):
+            return "parquet"
+        return "mcap" if (path / _FILE).is_file() else ""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(mcap.MAGIC))
+    except OSError as error:
+        raise ReadFailed(path, "the file cannot be read") from error
+    if head == mcap.MAGIC:
+        return "mcap"
+    return "parquet" if head.startswith(parquet.MAGIC) else ""
+
+
+def _refuse_newer(table: pa.Table, name: str, path: Path) -> None:
+    number = (table.schema.metadata or {}).get(b"recon.schema", b"1").decode(errors="replace")
+    if not number.isdecimal() or int(number) > SCHEMA_NUMBER:
+        text = f"stream '{name}' has the schema number {number}; this recon reads up to {SCHEMA_NUMBER}"
+        raise ReadFailed(path, text, hint="install a newer recon")

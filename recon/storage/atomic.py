@@ -1,0 +1,160 @@
+"""Results that are whole or not there: written beside their place under another name, then renamed.
+
+    with staged_folder(Path("drive1-thesis")) as folder:
+        ...                                            # write into folder
+    # here drive1-thesis is complete; after an error or Ctrl-C it is as it was before
+
+The temporary name is `.<name>.partial-<random>`, in the folder of the result: a rename is atomic only within one file
+system. While an old result is replaced it waits as `.<name>.replaced-<random>` for the two renames. A process that is
+killed leaves such a name behind; nothing of recon ever reads one, and nothing deletes one either, since it may belong
+to a run that is still alive: a person may.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from recon.errors import ConfigError, StorageError
+from recon.problems import Problem
+
+MANIFEST: Final = "manifest.json"
+MARK: Final = "recon_manifest"
+"""Key of the manifest's JSON object by which a folder is known as a result of recon."""
+
+_FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+_FORBIDDEN: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+
+def refuse_existing(final: Path, overwrite: bool = False, *, replaces_anything: bool = False) -> None:
+    """Make sure that a result may be put at `final`: to be asked before any work is done.
+
+    overwrite : an older result of recon (a folder with its manifest) and an empty folder may be replaced
+    replaces_anything : so may a folder with anything in it; for folders that lie inside a result
+    Raises ConfigError where something is there that may not.
+    """
+    if not os.path.lexists(final):
+        return
+    if not overwrite:
+        hint = "choose another place, or add --overwrite"
+        raise ConfigError([Problem(None, "output-exists", f"{final} is there already", hint)])
+    if not final.is_dir() or not (replaces_anything or is_result(final) or not any(final.iterdir())):
+        hint = "it is not replaced, choose another place"
+        raise ConfigError([Problem(None, "output-foreign", f"{final} is no result of recon", hint)])
+
+
+def is_result(folder: Path) -> bool:
+    """Is it a folder with a manifest of recon?"""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(manifest, dict) and MARK in manifest
+
+
+@contextmanager
+def staged_folder(final: Path, *, overwrite: bool = False, replaces_anything: bool = False) -> Iterator[Path]:
+    """A new, empty folder that takes the place of `final` when the block ends without an error.
+
+    On any error, KeyboardInterrupt included, the new folder is removed and what was at `final` stays. What may be
+    replaced, `refuse_existing` says.
+    Raises ConfigError as `refuse_existing`, StorageError for an OSError in the block.
+    """
+    refuse_existing(final, overwrite, replaces_anything=replaces_anything)
+    place = Path(os.path.realpath(final))
+    partial = _beside(place, "partial")
+    with storage_errors(final):
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            for path in sorted(partial.rglob("*")):
+                _sync(path)
+            refuse_existing(final, overwrite, replaces_anything=replaces_anything)
+            _swap(partial, place)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+
+
+@contextmanager
+def staged_file(final: Path) -> Iterator[Path]:
+    """A path to write to; the file takes the place of `final`, old or new, when the block ends without an error.
+
+    On any error, KeyboardInterrupt included, it is removed and an old file stays.
+    Raises StorageError for an OSError in the block.
+    """
+    place = Path(os.path.realpath(final))
+    partial = _beside(place, "partial")
+    with storage_errors(final):
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            yield partial
+            _sync(partial)
+            partial.replace(place)
+        except BaseException:
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def storage_errors(target: Path) -> Iterator[None]:
+    """Turn an OSError of the block, pyarrow's included, into a StorageError that names the target and the reason."""
+    try:
+        yield
+    except OSError as error:
+        reason = os.strerror(error.errno).lower() if error.errno else str(error)
+        reason += f" ({error.filename})" if error.filename else ""
+        raise StorageError(f"{target} could not be written: {reason}", _advice(error, target)) from error
+
+
+def _advice(error: OSError, target: Path) -> str:
+    if error.errno in _FULL:
+        return f"make room ({_free_space(target)}) or choose a place on another disk"
+    if error.errno in _FORBIDDEN:
+        return "choose a place where you may write"
+    if error.errno == errno.EFBIG:
+        return "a file grew beyond what the disk or the limits of this process allow: choose a place on another disk"
+    return ""
+
+
+def _free_space(target: Path) -> str:
+    existing = next((folder for folder in (target, *target.absolute().parents) if folder.exists()), Path())
+    try:
+        return f"{shutil.disk_usage(existing).free / 1e6:.0f} MB are free there"
+    except OSError:
+        return "how much is free there is not known"
+
+
+def _beside(place: Path, what: str) -> Path:
+    return place.with_name(f".{place.name}.{what}-{secrets.token_hex(4)}")
+
+
+def _sync(path: Path) -> None:
+    """Have the disk hold a file's bytes before a rename makes them count; a full disk may show only here."""
+    if path.is_file() and not path.is_symlink():
+        with path.open("rb+") as file:
+            os.fsync(file.fileno())
+
+
+def _swap(partial: Path, place: Path) -> None:
+    """Rename the new folder to its place. What was there is moved aside first: Windows replaces no folder."""
+    if not place.exists():
+        partial.rename(place)
+        return
+    aside = _beside(place, "replaced")
+    try:
+        place.rename(aside)
+        partial.rename(place)
+    except BaseException:
+        if aside.exists() and not place.exists():
+            aside.rename(place)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)

@@ -1,0 +1,136 @@
+"""Streams in one MCAP file, bit for bit the tables that were written.
+
+Layout (header profile "recon"):
+    metadata record "recon.recording"  {"meta": the recording's meta as JSON}
+    one channel for each stream        topic: the stream's name; message encoding "arrow-ipc-stream"
+    its schema record                  encoding "arrow-ipc-schema": the Arrow schema as an encapsulated IPC message
+    its messages                       up to BATCH_ROWS rows each: an Arrow IPC stream (schema, one record batch, end)
+
+A message is complete in itself: `pyarrow.ipc.open_stream(message.data).read_all()` gives its rows. The log time is that
+of the first row in ns since 1970, 0 where it has none or lies before 1970; the sequence number counts the messages of a
+channel. Every stream has at least one message, an empty one where it has no rows.
+Chunks are compressed with zstd; they and the data section as a whole have checksums, which are verified in reading.
+Channels of other encodings are for viewers and are passed over.
+
+References
+    MCAP specification, version 0 (mcap.dev/spec).
+    Apache Arrow columnar format 1.5, "IPC Streaming Format".
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon import __version__
+from recon.errors import ReadFailed
+from recon.recording import Recording
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+PROFILE: Final = "recon"
+MESSAGE_ENCODING: Final = "arrow-ipc-stream"
+SCHEMA_ENCODING: Final = "arrow-ipc-schema"
+RECORDING: Final = "recon.recording"
+BATCH_ROWS: Final = 16_384
+
+_HEADER_START: Final = MAGIC + b"\x01"
+_PROFILE_AT: Final = len(_HEADER_START) + 8
+
+
+def is_own(head: bytes) -> bool:
+    """Do a file's first bytes say that it is an MCAP file of recon? The header record is the first of every file."""
+    profile = len(PROFILE).to_bytes(4, "little") + PROFILE.encode()
+    return head.startswith(_HEADER_START) and head[_PROFILE_AT:].startswith(profile)
+
+
+def write_file(recording: Recording, path: Path) -> None:
+    """Write all streams. Equal recordings give equal bytes, however their tables are cut into chunks."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file, enable_data_crcs=True)
+        writer.start(profile=PROFILE, library=f"recon {__version__}")
+        meta = json.dumps(dict(recording.meta), sort_keys=True, ensure_ascii=False)
+        writer.add_metadata(RECORDING, {"meta": meta})
+        for name, table in recording.items():
+            _write_stream(writer, name, _canonical(table))
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _write_stream(writer: Any, name: str, table: pa.Table) -> None:
+    schema = writer.register_schema(name, SCHEMA_ENCODING, table.schema.serialize().to_pybytes())
+    channel = writer.register_channel(name, MESSAGE_ENCODING, schema)
+    for number, start in enumerate(range(0, max(table.num_rows, 1), BATCH_ROWS)):
+        rows = table.slice(start, BATCH_ROWS)
+        log_time = _log_time(rows)
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, table.schema) as stream:
+            stream.write_table(rows)
+        writer.add_message(channel, log_time, sink.getvalue().to_pybytes(), publish_time=log_time, sequence=number)
+
+
+def _log_time(rows: pa.Table) -> int:
+    first = rows["time"][0].value if "time" in rows.column_names and rows.num_rows else None
+    return max(first or 0, 0)
+
+
+def _canonical(table: pa.Table) -> pa.Table:
+    """The table in one chunk, with zeros behind its nulls: what stands there is otherwise left to chance."""
+    table = table.combine_chunks()
+    every_row = pa.array(np.arange(table.num_rows))
+    arrays = [values.take(every_row) if values.null_count else values for values in table.columns]
+    return pa.Table.from_arrays(arrays, schema=table.schema)
+
+
+def read_file(path: Path) -> Recording:
+    """All streams and the meta. Raises ReadFailed for a damaged file, and for one of another program."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_PROFILE_AT + 4 + len(PROFILE))
+            if head.startswith(_HEADER_START) and not is_own(head):
+                raise ReadFailed(path, f"the MCAP file was not written by recon; {_contents(file)}")
+            file.seek(0)
+            return _read(file, path)
+    except OSError as error:
+        raise ReadFailed(path, "there is no such file, or it may not be read") from error
+
+
+def _read(file: BinaryIO, path: Path) -> Recording:
+    from mcap.records import Channel, Message, Metadata
+    from mcap.stream_reader import StreamReader
+
+    names: dict[int, str] = {}
+    parts: dict[str, list[pa.Table]] = {}
+    meta: dict[str, Any] = {}
+    try:
+        for record in StreamReader(file, validate_crcs=True, record_size_limit=path.stat().st_size).records:
+            if isinstance(record, Message) and record.channel_id in names:
+                parts[names[record.channel_id]].append(pa.ipc.open_stream(record.data).read_all())
+            elif isinstance(record, Channel) and record.message_encoding == MESSAGE_ENCODING:
+                names[record.id] = record.topic
+                parts.setdefault(record.topic, [])
+            elif isinstance(record, Metadata) and record.name == RECORDING:
+                meta = json.loads(record.metadata["meta"])
+        return Recording({name: pa.concat_tables(tables).combine_chunks() for name, tables in parts.items()}, meta)
+    except Exception as error:  # damaged bytes make mcap, zstandard, struct and Arrow raise errors of many kinds
+        raise ReadFailed(path, "the MCAP file is cut short or damaged", hint="copy or make it again") from error
+
+
+def _contents(file: BinaryIO) -> str:
+    """What an MCAP file of another program holds, as a phrase."""
+    from mcap.reader import SeekingReader
+
+    try:
+        file.seek(0)
+        summary = SeekingReader(file).get_summary()
+    except Exception:  # the same errors of many kinds; the file is refused anyway
+        summary = None
+    if summary is None or not summary.channels:
+        return "its summary names no channels"
+    topics = sorted(f"{channel.topic} ({channel.message_encoding})" for channel in summary.channels.values())
+    more = f" and {len(topics) - 10} more" if len(topics) > 10 else ""
+    return f"it holds {', '.join(topics[:10])}{more}"

@@ -1,0 +1,127 @@
+"""Streams as Parquet: one file for each, and `recording.json` with what concerns them together.
+
+    streams/imu.parquet  streams/trajectory.parquet  ...  streams/recording.json
+
+Doubles are byte-stream-split and times stored as differences, both without a dictionary, then all is compressed with
+zstd and every page has a checksum. The Arrow schema with units, frames and the stream's own facts is kept in the file.
+`recording.json` holds `streams`, the names in their order, and `meta`, the recording's meta.
+A Parquet file of another program is taken as a stream if its name and its columns are canonical (recon.schema); it is
+then understood to be in canonical units and frames.
+
+References
+    Apache Parquet format, "Encodings": BYTE_STREAM_SPLIT (9), DELTA_BINARY_PACKED (5); "Checksumming".
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+
+from recon.errors import ReadFailed
+from recon.problems import did_you_mean
+from recon.recording import Recording
+from recon.schema import STREAMS, Schema
+from recon.tables import build
+
+MAGIC: Final = b"PAR1"
+ABOUT: Final = "recording.json"
+
+
+def write_folder(recording: Recording, folder: Path) -> None:
+    """Write every stream and `recording.json` into an existing folder."""
+    for name, table in recording.items():
+        write_file(table, folder / f"{name}.parquet")
+    about = {"streams": list(recording), "meta": dict(recording.meta)}
+    text = json.dumps(about, indent=2, sort_keys=True, ensure_ascii=False)
+    (folder / ABOUT).write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def write_file(table: pa.Table, path: Path) -> None:
+    """Write one stream. Equal tables give equal bytes, however they are cut into chunks."""
+    from pyarrow.parquet import write_table
+
+    encodings = {field.name: encoding for field in table.schema if (encoding := _encoding(field.type))}
+    write_table(
+        table.combine_chunks(),
+        str(path),
+        compression="zstd",
+        use_dictionary=[name for name in table.column_names if name not in encodings],
+        column_encoding=encodings,
+        write_page_checksum=True,
+    )
+
+
+def _encoding(kind: pa.DataType) -> str:
+    if pa.types.is_floating(kind):
+        return "BYTE_STREAM_SPLIT"
+    return "DELTA_BINARY_PACKED" if pa.types.is_timestamp(kind) else ""
+
+
+def read_folder(folder: Path) -> Recording:
+    """Every stream of a folder, in the order of its `recording.json`; other Parquet files after those, by name.
+
+    Raises ReadFailed where a stream that is listed is missing, or a file is no whole stream.
+    """
+    about = _about(folder / ABOUT)
+    listed: list[str] = about.get("streams", [])
+    others = sorted(path.stem for path in folder.glob("*.parquet") if path.stem not in listed)
+    streams = {name: read_file(folder / f"{name}.parquet") for name in [*listed, *others]}
+    return Recording(streams, about.get("meta", {}))
+
+
+def _about(path: Path) -> Mapping[str, Any]:
+    if not path.exists():
+        return {}
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ReadFailed(path, "it is damaged or cannot be read") from error
+    if not isinstance(about, dict):
+        raise ReadFailed(path, "it is not what recon writes: an object is expected")
+    return about
+
+
+def read_file(path: Path) -> pa.Table:
+    """One stream. Raises ReadFailed."""
+    from pyarrow.parquet import ParquetFile
+
+    try:
+        source = pa.OSFile(str(path), "rb")
+    except OSError as error:
+        raise ReadFailed(path, "there is no such file, or it may not be read") from error
+    with source:
+        try:
+            with ParquetFile(source, page_checksum_verification=True) as file:
+                table = file.read()
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise ReadFailed(path, "the Parquet file is cut short or damaged", hint="copy or make it again") from error
+    return table if b"recon.schema" in (table.schema.metadata or {}) else _adopted(table, path)
+
+
+def _adopted(table: pa.Table, path: Path) -> pa.Table:
+    """A plain table as the stream that its file is named after."""
+    name = re.sub(r"_\d+$", "", path.stem)
+    if name not in STREAMS:
+        hint = did_you_mean(name, STREAMS) or f"streams are {', '.join(STREAMS)}"
+        raise ReadFailed(path, f"it was not written by recon, and '{path.stem}' is the name of no stream", hint=hint)
+    schema = STREAMS[name]
+    missing = [c.name for c in schema.columns if not c.optional and c.name not in table.column_names]
+    unknown = [column for column in table.column_names if column not in schema]
+    if missing or unknown:
+        faults = [f"it lacks {missing}"] * bool(missing) + [f"it has {unknown}, which are unknown"] * bool(unknown)
+        hint = f"columns of '{name}' are {', '.join(schema.names)}"
+        raise ReadFailed(path, f"it was not written by recon, and as '{name}' {' and '.join(faults)}", hint=hint)
+    return build(schema, **{column: _cast(table[column], column, schema, path) for column in table.column_names})
+
+
+def _cast(values: pa.ChunkedArray, name: str, schema: Schema, path: Path) -> pa.ChunkedArray:
+    kind = schema[name].type
+    try:
+        return values.cast(kind)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        raise ReadFailed(path, f"column {name} is {values.type}, which cannot be taken as {kind}") from error
