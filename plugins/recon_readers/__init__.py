@@ -1,0 +1,1 @@
+"""First-party readers: one module for each format."""

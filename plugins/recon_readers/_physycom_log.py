@@ -1,0 +1,202 @@
+"""A physycom file as it is, in its own units: opening it, refusing what cannot be, counting rows, voicing doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from recon.errors import ReadFailed
+from recon.rows import Metric, warning
+from recon.tables import Array, vector
+from recon_readers import _delimited
+from recon_readers._fresh_rows import Mask, Times, backward, repeating
+from recon_readers._physycom_json import read_records
+from recon_readers._physycom_layouts import ACCEL, CENTURY_S, EARLIEST_S, GYRO, LATEST_S, WIDTHS, layout_of
+
+LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
+    "time": (0.0, CENTURY_S, "s since 2000"),
+    "lat": (-90.0, 90.0, "deg"),
+    "lon": (-180.0, 180.0, "deg"),
+    "height": (-1000.0, 100_000.0, "m"),
+    "heading": (-180.0, 360.0, "deg"),
+    "speed": (0.0, 1500.0, "km/h"),
+    "fix": (0.0, 9.0, ""),
+    **dict.fromkeys(ACCEL, (-1e5, 1e5, "g")),
+    **dict.fromkeys(GYRO, (-36_000.0, 36_000.0, "deg/s")),
+}
+"""Least and largest value in the unit of the file. Others mean another format or a damaged file."""
+
+STANDARD_GRAVITY: Final = 9.80665
+MOST_FAULTY: Final = 0.01
+"""Share of rows from which on a fault of the log is no longer a slip."""
+SAME_ABS_G: Final = 0.02
+"""|a| interpolated between samples that differ by d across it exceeds that of the components by up to d^2 / 8:
+0.02 g for d = 0.4 g."""
+SAME_TIME_S: Final = 0.01
+"""timestamp_rel as a float of 24 bits resolves 8 ms after a day."""
+USUAL_SIZE: Final = (0.5, 2.0)
+"""Median |a| of a vehicle in units of gravity."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A file as it is: n rows in its own units.
+
+    time_ns : (n,) ns since 2000 by the clock of the box
+    backward : (n,) bool, rows without a time or before the latest time above them
+    columns : by name (n,), NaN where blank
+    cut_line : line of a last row that was cut off and is not among the n
+    place : (row, column name) -> line and column, 1-based, or None where the format has no lines
+    """
+
+    path: Path
+    format: str
+    about: str
+    time_ns: Times
+    backward: Mask
+    columns: Mapping[str, Array]
+    cut_line: int | None
+    place: Callable[[int, str], tuple[int, int] | None]
+
+    def group(self, names: Iterable[str]) -> list[Array]:
+        """The columns of these names that are there: (n,) each, NaN in rows whose time cannot be used."""
+        found = [self.columns[name] for name in names if name in self.columns]
+        return [np.where(self.backward, np.nan, values) for values in found] if self.backward.any() else found
+
+    @property
+    def first_ns(self) -> int:
+        """Time of the first row that has one, ns since 2000; 0 where none has."""
+        return int(self.time_ns[np.argmin(self.backward)])
+
+    def refused(self, row: int, column: str, what: str, hint: str) -> ReadFailed:
+        """The error that names a field."""
+        place = self.place(row, column)
+        if place is None:
+            return ReadFailed(self.path, f"record {row + 1}: {what}", hint=hint)
+        return ReadFailed(self.path, what, line=place[0], column=place[1], hint=hint)
+
+    def line(self, row: int) -> str:
+        """How people find a row."""
+        place = self.place(row, "time")
+        return f"record {row + 1}" if place is None else f"line {place[0]}"
+
+
+def open_log(path: Path, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
+    """Read a file of any format. `sensor` is what four columns hold where the header does not tell.
+
+    Raises ReadFailed, and DataError where `sensor` must tell.
+    """
+    text = _delimited.load(path)
+    log = _of_json(path, text) if text.lstrip()[:1] in (b"[", b"{") else _of_text(path, text, sensor)
+    _check_limits(log)
+    return log
+
+
+def _of_text(path: Path, text: bytes, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
+    found = _delimited.survey(path, text, WIDTHS)
+    layout = layout_of(found, sensor)
+    table = _delimited.parse(found, layout.columns)
+    time_ns, missing = _delimited.whole_ns(table["time"])
+    header = f"header '{found.header[-1][:80]}'" if found.header else "no header"
+    about = f"{found.width} columns, {'tabs' if found.separator == _delimited.TAB else 'spaces'}, {header}"
+
+    def place(row: int, column: str) -> tuple[int, int]:
+        return found.place(row, layout.columns.index(column))
+
+    columns = {name: vector(table, name, gaps=True) for name in layout.columns[1:]}
+    return Log(path, layout.name, about, time_ns, backward(time_ns, missing), columns, found.cut_line, place)
+
+
+def _of_json(path: Path, text: bytes) -> Log:
+    table = read_records(path, text)
+    time_ns, missing = _delimited.whole_ns(table["time"])
+    columns = {name: vector(table, name, gaps=True) for name in table.column_names if name != "time"}
+    return Log(
+        path, "GNSS JSON", "records", time_ns, backward(time_ns, missing), columns, None, lambda row, column: None
+    )
+
+
+def _check_limits(log: Log) -> None:
+    """Raises ReadFailed at the first value that no vehicle and no clock can show."""
+    for name, (low, high, unit) in LIMITS.items():
+        values = log.time_ns * 1e-9 if name == "time" else log.columns.get(name)
+        if values is None:
+            continue
+        outside = (values < low) | (values > high)
+        if outside.any():
+            row = int(outside.argmax())
+            shown = name if name == "time" else f"{name} {values[row]:.10g}"
+            what = f"{shown} lies outside {low:g} to {high:.10g} {unit}".rstrip()
+            raise log.refused(row, name, what, "repair the line, or name the reader of its format")
+
+
+def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:
+    """Rows whose time can be used, (n,) bool, and the count of all rows that were read.
+
+    sensors : by name (n,) bool, rows that the sensor reported. Raises ReadFailed where the time of too many rows is
+    missing, repeats or runs backwards.
+    """
+    n, cut = len(log.time_ns), log.cut_line is not None
+    faults = log.backward | repeating(log.time_ns, sensors.values())
+    empty = ~np.logical_or.reduce(list(sensors.values())) & ~faults
+    reasons = [f"the last row, line {log.cut_line}, was cut off"] if cut else []
+    if faults.any():
+        count, first = int(faults.sum()), int(faults.argmax())
+        what = f"time is missing, repeats or runs backwards in {count} of {n} rows, first "
+        if count >= MOST_FAULTY * n:
+            raise log.refused(first, "time", f"{what}here", "sort the rows, or cut the log where its clock jumped")
+        reasons.append(f"{what}in {log.line(first)}")
+    warnings = [warning(f"dropped from {log.path.name}: {reason}") for reason in reasons]
+    if empty.any():
+        reasons.append(f"{int(empty.sum())} rows update no sensor, first {log.line(int(empty.argmax()))}")
+    dropped = int(faults.sum()) + int(empty.sum()) + cut
+    counts = [
+        Metric("rows_read", float(n + cut)),
+        Metric("rows_used", float(n + cut - dropped)),
+        Metric("rows_dropped", float(dropped), note="; ".join(reasons)),
+    ]
+    return ~faults, counts + warnings
+
+
+def doubts(log: Log, gravity: float) -> list[Metric]:
+    """Warnings where columns contradict each other, or the times or accelerations are not those of a vehicle.
+
+    gravity : m/s^2, acceleration that the file writes as 1
+    """
+    found = []
+    first_s = log.first_ns * 1e-9
+    if first_s < EARLIEST_S:
+        found.append(warning("the times begin before 2003: the clock of the box was not set, dates mean nothing"))
+    if first_s > LATEST_S:
+        found.append(warning("the times lie after 2038: if they count from 1970, every date is 30 years late"))
+    if "ax" in log.columns:
+        size = np.sqrt(sum(values**2 for values in log.group(ACCEL)))
+        found += _unusual_size(size[~np.isnan(size)] * (gravity / STANDARD_GRAVITY))
+        if "abs" in log.columns:
+            found += _disagreement(log, "|a|", size - log.columns["abs"], SAME_ABS_G, "g")
+    if "relative" in log.columns:
+        since = (log.time_ns - log.time_ns[0]) * 1e-9 - log.columns["relative"]
+        known = since[~np.isnan(since)]
+        centre = np.median(known) if len(known) else 0.0
+        found += _disagreement(log, "timestamp_rel", since - centre, SAME_TIME_S, "s")
+    return found
+
+
+def _unusual_size(size: Array) -> list[Metric]:
+    if not len(size) or USUAL_SIZE[0] <= np.median(size) <= USUAL_SIZE[1]:
+        return []
+    text = f"the median acceleration is {np.median(size):.4g} g where a vehicle feels about 1 g"
+    return [warning(f"{text}: set 'gravity' to the acceleration that the file writes as 1, such as 1 m/s^2")]
+
+
+def _disagreement(log: Log, name: str, difference: Array, limit: float, unit: str) -> list[Metric]:
+    wrong = np.abs(difference) > limit
+    if wrong.sum() <= MOST_FAULTY * len(wrong):
+        return []
+    row = int(wrong.argmax())
+    text = f"{name} differs by more than {limit:g} {unit} from the other columns in {int(wrong.sum())} of {len(wrong)}"
+    return [warning(f"{text} rows, first in {log.line(row)}: are the columns those of the format {log.format}?")]
