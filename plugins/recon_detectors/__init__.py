@@ -1,0 +1,1 @@
+"""First-party detectors: one module for each."""

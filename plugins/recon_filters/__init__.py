@@ -1,0 +1,1 @@
+"""First-party filters: one module for each."""

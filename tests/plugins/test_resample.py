@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from recon.rows import warnings_of
+from recon.schema import GNSS, IMU, STREAMS
+from recon.tables import Array, build, conform, matrix, meta, time_ns, vector, with_meta
+from recon_filters.resample import ResampleParams, declare_filters, resample
+
+SLOPE_ACCEL, SLOPE_GYRO = np.array([1.0, -2.0, 0.5]), np.array([0.1, 0.2, -0.3])
+# Values stay below 100 and times are whole nanoseconds: a few roundings of 1e-14.
+ROUNDING = 1e-12
+
+
+def ns(t_s: Any) -> Any:
+    return np.rint(np.asarray(t_s) * 1e9).astype(np.int64)
+
+
+def alternating(t_s: Array) -> Any:
+    """An imu whose even rows hold accel and whose odd rows hold gyro, both straight lines over time."""
+    accel, gyro = SLOPE_ACCEL * t_s[:, None], SLOPE_GYRO * t_s[:, None]
+    accel[1::2], gyro[0::2] = np.nan, np.nan
+    return build(IMU, time=ns(t_s), accel=accel, gyro=gyro)
+
+
+def run(imu: Any, gnss: Any = None, /, **params: Any) -> Any:
+    return resample(imu=imu, gnss=gnss, params=ResampleParams(**params))
+
+
+def numbers(streams: Any) -> dict[str, float]:
+    return {row["name"]: row["value"] for row in streams["metrics"].to_pylist()}
+
+
+def test_each_group_is_completed_from_its_own_samples() -> None:
+    t_s = np.array([0.0, 0.010, 0.021, 0.030, 0.043, 0.050])
+    streams = run(alternating(t_s))
+    # gyro begins in row 1 and accel ends in row 4: the first and the last row would need extrapolation.
+    assert time_ns(streams["imu"]).tolist() == ns(t_s[1:5]).tolist()
+    assert matrix(streams["imu"], "accel") == pytest.approx(SLOPE_ACCEL * t_s[1:5, None], abs=ROUNDING)
+    assert matrix(streams["imu"], "gyro") == pytest.approx(SLOPE_GYRO * t_s[1:5, None], abs=ROUNDING)
+    assert numbers(streams)["rows_dropped"] == 2.0
+
+
+def test_a_complete_imu_passes_bit_for_bit() -> None:
+    rng = np.random.default_rng(1)
+    t_ns = ns(np.cumsum(rng.uniform(0.002, 0.003, 50)))
+    imu = build(IMU, time=t_ns, accel=rng.normal(size=(50, 3)), gyro=rng.normal(size=(50, 3)))
+    assert run(imu)["imu"].equals(imu)
+
+
+def test_a_regular_grid_has_exact_times_and_values_of_the_line() -> None:
+    t_ns = ns(np.sort(np.random.default_rng(2).uniform(0.0, 2.0, 400)))
+    imu = build(IMU, time=t_ns, accel=SLOPE_ACCEL * t_ns[:, None] * 1e-9, gyro=SLOPE_GYRO * t_ns[:, None] * 1e-9)
+    result = run(imu, rate=300.0)["imu"]
+    count = np.arange(result.num_rows)
+    # 300 Hz is no whole number of nanoseconds: each time is right to half of one, without drift.
+    assert np.abs(time_ns(result) - t_ns[0] - count * 1e9 / 300.0).max() <= 0.5
+    assert t_ns[-1] - time_ns(result)[-1] < 1e9 / 300.0
+    assert matrix(result, "accel") == pytest.approx(SLOPE_ACCEL * time_ns(result)[:, None] * 1e-9, abs=ROUNDING)
+
+
+@pytest.mark.parametrize("rate", [None, 10.0])
+def test_nothing_is_invented_in_a_long_gap(rate: float | None) -> None:
+    t_s = np.concatenate((np.arange(0, 2, 0.1), np.arange(100, 102, 0.1)))
+    result = run(alternating(t_s), rate=rate)["imu"]
+    inside = (time_ns(result) > ns(1.95)) & (time_ns(result) < ns(99.95))
+    assert result.num_rows > 30
+    assert not inside.any()
+
+
+def test_rows_in_a_long_gap_of_one_group_are_dropped_and_counted() -> None:
+    t_s = np.arange(0, 10, 0.1)
+    gyro = np.ones((100, 3))
+    gyro[20:60] = np.nan
+    streams = run(build(IMU, time=ns(t_s), accel=np.ones((100, 3)), gyro=gyro))
+    assert streams["imu"].num_rows == 60
+    assert numbers(streams)["rows_dropped"] == 40.0
+
+
+def test_a_group_without_any_value_stays_empty_and_drops_nothing() -> None:
+    streams = run(build(IMU, time=ns([0.0, 0.1, 0.2]), accel=np.ones((3, 3))))
+    assert streams["imu"].num_rows == 3
+    assert streams["imu"]["gyro_x"].null_count == 3
+    assert warnings_of(streams["metrics"]) == ["imu has no gyro: it stays empty"]
+
+
+def test_gnss_is_left_alone_unless_asked_for() -> None:
+    gnss = build(GNSS, time=ns([0.0, 1.0]), speed=np.array([1.0, 2.0]))
+    assert run(alternating(np.arange(0, 1, 0.01)), gnss)["gnss"].equals(gnss)
+
+
+def on_imu_times(**columns: Any) -> Any:
+    """gnss at 0, 1 and 5 s, brought onto an imu that has a row every 0.25 s from -0.5 to 5.5 s."""
+    t_s = np.arange(-0.5, 5.6, 0.25)
+    imu = build(IMU, time=ns(t_s + 10), accel=np.ones((len(t_s), 3)), gyro=np.ones((len(t_s), 3)))
+    gnss = with_meta(build(GNSS, time=ns([10.0, 11.0, 15.0]), **columns), heading_kind="true")
+    result = run(imu, gnss, gnss=True)["gnss"]
+    assert time_ns(result).tolist() == time_ns(imu).tolist()
+    return result
+
+
+def test_gnss_is_interpolated_and_null_outside_its_span_and_in_long_gaps() -> None:
+    result = on_imu_times(speed=np.array([1.0, 3.0, 7.0]))
+    expected = np.full(25, np.nan)
+    expected[2:7], expected[22] = [1.0, 1.5, 2.0, 2.5, 3.0], 7.0
+    assert vector(result, "speed", gaps=True) == pytest.approx(expected, abs=ROUNDING, nan_ok=True)
+    assert meta(result) == {"heading_kind": "true"}
+
+
+def test_course_takes_the_short_way_through_north() -> None:
+    course = np.degrees(vector(on_imu_times(course=np.radians([350.0, 10.0, 10.0])), "course", gaps=True))
+    # North itself may come out a rounding to the west of it, just under 360 degrees.
+    assert (course[2:7] + 180.0) % 360.0 == pytest.approx([170.0, 175.0, 180.0, 185.0, 190.0], abs=ROUNDING)
+    known = course[np.isfinite(course)]
+    assert ((known >= 0.0) & (known < 360.0)).all()
+
+
+def test_longitude_takes_the_short_way_across_the_date_line() -> None:
+    lon = vector(on_imu_times(lon=np.array([179.9, -179.9, -179.9])), "lon", gaps=True)
+    assert np.abs(lon[2:7]) == pytest.approx([179.9, 179.95, 180.0, 179.95, 179.9], abs=ROUNDING)
+    assert np.sign(lon[[3, 5]]).tolist() == [1.0, -1.0]
+
+
+def test_codes_hold_their_last_value() -> None:
+    result = on_imu_times(fix=pa.array([3, 2, 3], pa.int32()), satellites=pa.array([None, 7, 8], pa.int32()))
+    fix = result["fix"].to_pylist()
+    assert fix[:8] == [None, None, 3, 3, 3, 3, 2, None]
+    assert fix[21:] == [None, 3, None, None]
+    assert result["satellites"].to_pylist()[:8] == [None] * 6 + [7, None]
+    assert result["fix"].type == pa.int32()
+
+
+def test_the_result_keeps_the_schema() -> None:
+    streams = run(alternating(np.arange(0, 1, 0.01)), build(GNSS, time=ns([0.0, 1.0]), speed=np.ones(2)), gnss=True)
+    for name in ("imu", "gnss"):
+        planned = STREAMS[name]
+        assert conform(streams[name], planned, stream=name, step="test").num_rows == streams[name].num_rows
+
+
+def test_an_empty_imu_passes() -> None:
+    assert run(alternating(np.zeros(0)))["imu"].num_rows == 0
+    assert run(alternating(np.zeros(0)), rate=100.0)["imu"].num_rows == 0
+
+
+def test_the_declaration_has_no_fault() -> None:
+    assert [stage.faults() for stage in declare_filters()] == [[]]
