@@ -1,0 +1,1 @@
+"""First-party aligners: one module for each."""

@@ -1,0 +1,278 @@
+"""Turns the level box about the vertical so that x points forward.
+
+On straight road the horizontal acceleration lies along x. Over a window of about a second the mean acceleration a
+(two components) and, where GNSS gives the speed, the mean rate of speed y are compared:
+
+    forward = direction of cov(a, y),    largest over the lag of GNSS
+
+The regression is of a on y and not the reverse, for on straight road the lateral acceleration hardly varies and its
+coefficient would be undetermined. Without GNSS forward is the principal axis of a, signed by the assumption that the
+first motion after a stop is forward.
+
+References
+    Thesis, section 4.5 (horizontal alignment) and 5.2 (first motion is forward).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from recon import (
+    EVENTS,
+    GNSS,
+    IMU,
+    Aligner,
+    Change,
+    Metric,
+    Params,
+    Streams,
+    has,
+    hookimpl,
+    matrix,
+    metrics,
+    quantity,
+    replace,
+    seconds,
+    setting,
+    time_ns,
+    vector,
+)
+from recon.errors import NotEnoughData
+from recon.numerics.integration import cumulative
+from recon.numerics.rotation import Floats, from_euler, rotate
+from recon.numerics.signals import interpolate, wrap_angle
+from recon.placing import rows_during
+
+STEP_S = 0.1
+"""Distance between windows."""
+LAGS_S = np.arange(0.0, 1.21, 0.05)
+MAX_GAP_S = 2.0
+"""Speeds further apart are not joined."""
+LAUNCH_S = (-1.0, 3.0)
+"""Span about the end of a stop in which the vehicle sets off; detectors fed by a late GNSS tell the end late."""
+
+
+class ForwardParams(Params):
+    """Parameters of aligner.forward."""
+
+    angle: float | None = quantity(
+        None, "deg", doc="Yaw of the box in the vehicle, positive to the left; none finds it from the drive."
+    )
+    window: float = quantity(1.0, "s", gt=0, doc="Time over which accelerations are averaged.")
+    straight: float = quantity(2.0, "deg/s", gt=0, doc="Road is straight where the yaw rate stays below this.")
+    acceleration: float = quantity(0.5, "m/s^2", gt=0, doc="Smallest change of speed that tells a direction.")
+    duration: float = quantity(3.0, "s", gt=0, doc="How long the vehicle must so change its speed in all.")
+    correlation: float = setting(0.7, gt=0, lt=1, doc="Smallest correlation of acceleration with the change of speed.")
+
+
+class Windows(NamedTuple):
+    """Means over windows of equal length, STEP_S apart, on straight road.
+
+    middle_s : (m,) s since the first record of imu
+    accel_l : (m, 2) m/s^2, level, horizontal
+    """
+
+    middle_s: Floats
+    accel_l: Floats
+
+
+class Direction(NamedTuple):
+    """Where forward is in the level frame: angle and sigma in rad; `learnt` are further rows for the user."""
+
+    angle: float
+    sigma: float
+    correlation: float
+    samples: int
+    method: str
+    learnt: tuple[Metric, ...] = ()
+
+
+def forward(*, imu: pa.Table, gnss: pa.Table | None, events: pa.Table | None, params: ForwardParams) -> Streams:
+    """Turn accel and gyro about z so that x is forward.
+
+    Raises NotEnoughData where the drive does not tell: too few accelerations on straight road, or neither GNSS speed
+    nor a stop to give the sign.
+    """
+    if params.angle is not None:
+        mount_yaw, learnt = params.angle, [Metric("mount_yaw", float(np.degrees(params.angle)), "deg", method="given")]
+    else:
+        found = _find(imu, gnss, events, params)
+        mount_yaw, learnt = float(wrap_angle(-found.angle)), _metrics(found)
+    q_vl = from_euler(mount_yaw, 0.0, 0.0)
+    turned = {group: rotate(q_vl, matrix(imu, group)) for group in ("accel", "gyro")}
+    return {"imu": replace(imu, **turned), "metrics": metrics(learnt)}
+
+
+def _metrics(found: Direction) -> list[Metric]:
+    yaw, sigma = np.degrees(wrap_angle(-found.angle)), np.degrees(found.sigma)
+    return [
+        Metric("mount_yaw", float(yaw), "deg", sigma=float(sigma), method=found.method),
+        Metric("correlation", found.correlation, "1", method=found.method),
+        Metric("samples", float(found.samples), "1", note=f"windows {STEP_S:g} s apart on straight road"),
+        *found.learnt,
+    ]
+
+
+def _find(imu: pa.Table, gnss: pa.Table | None, events: pa.Table | None, params: ForwardParams) -> Direction:
+    """Forward by GNSS speed where there is one, else by the principal axis; raises NotEnoughData."""
+    windows = _straight_windows(imu, params)
+    speed = _speed(gnss)
+    if gnss is not None and speed is not None:
+        found, along = _by_speed(windows, seconds(gnss, since=_first_ns(imu)), speed, params)
+    else:
+        found, along = _by_principal_axis(windows, imu, events, params)
+    told_s = STEP_S * int(np.count_nonzero(np.abs(along) >= params.acceleration))
+    if told_s < params.duration:
+        raise _not_enough("acceleration on straight road", f"{params.duration:g} s", f"{told_s:.1f} s")
+    if found.correlation < params.correlation:
+        raise _not_enough(
+            f"agreement on a forward axis ({found.method})", f"{params.correlation:g}", f"{found.correlation:.2f}"
+        )
+    return found
+
+
+def _not_enough(what: str, needed: str, found: str) -> NotEnoughData:
+    hint = "give the yaw of the box in the vehicle by the parameter angle, for example '180 deg'"
+    return NotEnoughData(what, needed=needed, found=found, hint=hint)
+
+
+def _first_ns(imu: pa.Table) -> int:
+    return int(time_ns(imu.slice(0, 1))[0])
+
+
+def _straight_windows(imu: pa.Table, params: ForwardParams) -> Windows:
+    """Raises NotEnoughData where imu is shorter than a window."""
+    t_s = seconds(imu)
+    span = float(t_s[-1]) if len(t_s) else 0.0
+    if span <= params.window:
+        raise _not_enough("time in imu", f"{params.window:g} s", f"{span:g} s")
+    half = params.window / 2.0
+    middle_s = np.arange(half, span - half, STEP_S)
+    accel_l = _means(t_s, matrix(imu, "accel")[:, :2], middle_s, params.window)
+    yaw_rate = _means(t_s, vector(imu, "gyro_z")[:, None], middle_s, params.window)[:, 0]
+    straight = np.abs(yaw_rate) < params.straight
+    return Windows(middle_s[straight], accel_l[straight])
+
+
+def _means(t_s: Floats, y: Floats, middle_s: Floats, window: float) -> Floats:
+    """Mean of y (n, k) over each window: (m, k)."""
+    area = cumulative(t_s, y, "trapezoid")
+    later, earlier = (interpolate(middle_s + side * window / 2.0, t_s, area) for side in (1.0, -1.0))
+    return (later - earlier) / window
+
+
+def _speed(gnss: pa.Table | None) -> Floats | None:
+    """Speed over ground: (n,) m/s, NaN where unknown; None where there is none."""
+    if gnss is None:
+        return None
+    if has(gnss, "speed"):
+        return vector(gnss, "speed", gaps=True)
+    if has(gnss, "vel_e") and has(gnss, "vel_n"):
+        return np.hypot(vector(gnss, "vel_e", gaps=True), vector(gnss, "vel_n", gaps=True))
+    return None
+
+
+def _by_speed(windows: Windows, fix_s: Floats, speed: Floats, params: ForwardParams) -> tuple[Direction, Floats]:
+    """Direction in which the acceleration follows the rate of speed, and that rate at the best lag."""
+    best, best_rate = None, np.zeros(0)
+    for lag in LAGS_S:
+        later, earlier = (
+            interpolate(windows.middle_s + lag + side * params.window / 2.0, fix_s, speed, MAX_GAP_S)
+            for side in (1.0, -1.0)
+        )
+        rate = (later - earlier) / params.window
+        known = np.isfinite(rate)
+        found = _regress(windows.accel_l[known], rate[known], params.window, float(lag))
+        if found is not None and (best is None or found.correlation > best.correlation):
+            best, best_rate = found, rate[known]
+    if best is None:
+        raise _not_enough("speeds while imu runs", "3", "fewer")
+    return best, best_rate
+
+
+def _regress(accel_l: Floats, rate: Floats, window: float, lag: float) -> Direction | None:
+    """Direction of cov(accel, rate); None where there is nothing to compare.
+
+    accel_l : (m, 2) m/s^2, level; rate : (m,) m/s^2
+    """
+    if len(rate) < 3 or np.ptp(rate) == 0.0:
+        return None
+    accel_l, rate = accel_l - accel_l.mean(axis=0), rate - rate.mean()
+    covariance = accel_l.T @ rate / len(rate)
+    angle = float(np.arctan2(covariance[1], covariance[0]))
+    along, across = _split(accel_l, angle)
+    strength = float(np.hypot(*covariance))
+    if not strength:
+        return None
+    sigma = across.std() * rate.std() / strength / np.sqrt(_independent(len(rate), window))
+    learnt = (
+        Metric("gnss_speed_lag", lag, "s", method="best correlation"),
+        Metric("accel_per_speed_rate", strength / float(rate.var()), "1", note="1 where units and lag are right"),
+    )
+    correlation = strength / float(along.std() * rate.std())
+    return Direction(angle, float(sigma), correlation, len(rate), "regression on GNSS speed", learnt)
+
+
+def _by_principal_axis(
+    windows: Windows, imu: pa.Table, events: pa.Table | None, params: ForwardParams
+) -> tuple[Direction, Floats]:
+    """Principal axis of the horizontal acceleration with the sign of the launches, and the acceleration along it."""
+    accel_l = windows.accel_l - windows.accel_l.mean(axis=0) if len(windows.accel_l) else windows.accel_l
+    if len(accel_l) < 3:
+        raise _not_enough("straight road", f"{params.duration:g} s", f"{STEP_S * len(accel_l):.1f} s")
+    (minor, major), axes = np.linalg.eigh(accel_l.T @ accel_l / len(accel_l))
+    angle = float(np.arctan2(axes[1, 1], axes[0, 1]))
+    if _launch(imu, events, angle) < 0.0:
+        angle += np.pi
+    sigma = np.sqrt(max(minor, 0.0) / major / _independent(len(accel_l), params.window)) if major else np.pi
+    linearity = float((major - minor) / (major + minor)) if major else 0.0
+    found = Direction(angle, float(sigma), linearity, len(accel_l), "principal axis")
+    return found, _split(accel_l, angle)[0]
+
+
+def _launch(imu: pa.Table, events: pa.Table | None, angle: float) -> float:
+    """Change of speed along a direction when the vehicle sets off, summed over the stops: m/s.
+
+    The mean over the stop is taken off, so that neither bias nor slope counts. Raises NotEnoughData without a stop.
+    """
+    stops = rows_during(imu, events, "standstill")
+    if not len(stops):
+        raise _not_enough("stops", "one standstill, for the sign of forward", "none")
+    t_s, along = seconds(imu), _split(matrix(imu, "accel")[:, :2], angle)[0]
+    gained = cumulative(t_s, along, "trapezoid")
+    at_rest = np.array([along[start:stop].mean() for start, stop in stops])
+    begin, end = (np.clip(t_s[stops[:, 1] - 1] + side, 0.0, t_s[-1]) for side in LAUNCH_S)
+    return float(np.sum(interpolate(end, t_s, gained) - interpolate(begin, t_s, gained) - at_rest * (end - begin)))
+
+
+def _split(accel_l: Floats, angle: float) -> tuple[Floats, Floats]:
+    """Components (m,) along a direction and to its left."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return accel_l @ [cos, sin], accel_l @ [-sin, cos]
+
+
+def _independent(samples: int, window: float) -> float:
+    """Number of windows that do not overlap."""
+    return max(1.0, samples * min(STEP_S / window, 1.0))
+
+
+@hookimpl
+def declare_aligners() -> Iterable[Aligner]:
+    """Declare aligner.forward."""
+    yield Aligner(
+        name="forward",
+        summary="Turns the level imu about z so that x is forward, by GNSS speed or the principal axis.",
+        params=ForwardParams,
+        reads={
+            "imu": IMU.need("accel", "gyro", frame="level", quantity={"accel": "specific_force"}),
+            "gnss": GNSS.need(maybe=["speed", "vel"], optional=True),
+            "events": EVENTS.need("time", "end_time", "kind", optional=True),
+        },
+        writes={"imu": Change(frames={"accel": "vehicle", "gyro": "vehicle"})},
+        run=forward,
+        references=("Thesis, sections 4.5 and 5.2",),
+    )

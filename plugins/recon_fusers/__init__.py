@@ -1,0 +1,1 @@
+"""First-party fusers: one module for each."""

@@ -1,0 +1,1 @@
+"""First-party integrators: one module for each."""

@@ -1,0 +1,93 @@
+"""Attitude by composition of the turns between samples.
+
+    q_nv[k+1] = q_nv[k] (x) exp(phi_k / 2),    phi_k = integral of omega_v + h^2 / 12 omega_v[k] x omega_v[k+1]
+
+The integral follows the chosen rule; the second term (Bortz) is what the turning of the axis of rotation within the
+step adds, without which no rule is better than order 2.
+
+References
+    Thesis, sections 2.1 and 5.1.
+    Bortz (1971), "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES 7(1), 61-66.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pyarrow as pa
+
+from recon import (
+    ATTITUDE,
+    IMU,
+    Integrator,
+    Metric,
+    Params,
+    Streams,
+    build,
+    hookimpl,
+    matrix,
+    meta,
+    metrics,
+    seconds,
+    setting,
+    time_ns,
+    warning,
+    with_meta,
+)
+from recon.errors import DataError, NotEnoughData
+from recon.numerics.integration import Rule, increments
+from recon.numerics.rotation import Floats, compose, from_euler, from_rotvec, yaw_from_heading
+
+
+class AttitudeParams(Params):
+    """Parameters of integrator.attitude."""
+
+    rule: Rule = setting("parabola", doc="Quadrature of the angular rate between samples.")
+
+
+def integrate_attitude(*, imu: pa.Table, attitude: pa.Table | None, params: AttitudeParams) -> Streams:
+    """Attitude of the vehicle at every row of imu, from the one at the first row.
+
+    attitude : its first row is where the integration starts; None starts level and facing north
+    Raises NotEnoughData where imu is empty, DataError where attitude does not start with imu.
+    """
+    if not imu.num_rows:
+        raise NotEnoughData("rows in imu", needed="1", found="0")
+    q_start, notes = _start(imu, attitude)
+    turns = _turns(seconds(imu), matrix(imu, "gyro"), params.rule)
+    table = build(ATTITUDE, time=time_ns(imu), q=compose(from_rotvec(turns), q_start))
+    return {"attitude": with_meta(table, **meta(imu)), "metrics": metrics(notes)}
+
+
+def _start(imu: pa.Table, attitude: pa.Table | None) -> tuple[Floats, list[Metric]]:
+    """Attitude at the first row of imu: (4,), and what had to be assumed."""
+    if attitude is None or not attitude.num_rows:
+        note = "no initial attitude: the vehicle is taken to start level and facing north (heading 0)"
+        return from_euler(yaw_from_heading(0.0), 0.0, 0.0), [warning(note)]
+    if time_ns(attitude)[0] != time_ns(imu)[0]:
+        raise DataError(
+            "the initial attitude is not that of the first row of imu",
+            "put the aligner that gives it after the last step that changes the times of imu",
+        )
+    return matrix(attitude.slice(0, 1), "q")[0], []
+
+
+def _turns(t_s: Floats, gyro_v: Floats, rule: Rule) -> Floats:
+    """Rotation vector of each step: (n-1, 3) rad. t_s : (n,) s; gyro_v : (n, 3) rad/s, vehicle."""
+    step = np.diff(t_s)[:, None]
+    return increments(t_s, gyro_v, rule) + step**2 / 12.0 * np.cross(gyro_v[:-1], gyro_v[1:])
+
+
+@hookimpl
+def declare_integrators() -> Iterable[Integrator]:
+    """Declare integrator.attitude."""
+    yield Integrator(
+        name="attitude",
+        summary="Attitude at every row of imu by composition of its angular rates.",
+        params=AttitudeParams,
+        reads={"imu": IMU.need("gyro", frame="vehicle"), "attitude": ATTITUDE.need("q", optional=True)},
+        writes={"attitude": ATTITUDE},
+        run=integrate_attitude,
+        references=("Thesis, section 5.1", "Bortz (1971), IEEE Trans. AES 7(1), 61-66"),
+    )
