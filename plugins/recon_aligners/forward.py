@@ -47,6 +47,7 @@ from recon.numerics.rotation import Floats, from_euler, rotate
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.placing import rows_during
 
+OF_LEVELLED = "about the vertical, of the box after it was levelled: with its tilt no triple of Euler angles"
 STEP_S = 0.1
 """Distance between windows."""
 LAGS_S = np.arange(0.0, 1.21, 0.05)
@@ -110,7 +111,7 @@ def forward(*, imu: pa.Table, gnss: pa.Table | None, events: pa.Table | None, pa
 def _metrics(found: Direction) -> list[Metric]:
     yaw, sigma = np.degrees(wrap_angle(-found.angle)), np.degrees(found.sigma)
     return [
-        Metric("mount_yaw", float(yaw), "deg", sigma=float(sigma), method=found.method),
+        Metric("mount_yaw", float(yaw), "deg", sigma=float(sigma), method=found.method, note=OF_LEVELLED),
         Metric("correlation", found.correlation, "1", method=found.method),
         Metric("samples", float(found.samples), "1", note=f"windows {STEP_S:g} s apart on straight road"),
         *found.learnt,

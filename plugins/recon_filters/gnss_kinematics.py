@@ -106,7 +106,8 @@ def _without_positions(gnss: pa.Table) -> Streams:
     if {"lat", "lon"} <= set(gnss.column_names):
         unknown = np.full((gnss.num_rows, 3), np.nan)
         gnss = replace(gnss, **{group: unknown for group in _ADDED if f"{group}_e" not in gnss.column_names})
-    return {"gnss": gnss, "metrics": metrics([Metric("positions", 0.0, note="no positions in gnss: it is left as it is")])}
+    none = Metric("positions", 0.0, note="no positions in gnss: it is left as it is")
+    return {"gnss": gnss, "metrics": metrics([none])}
 
 
 def _positions(

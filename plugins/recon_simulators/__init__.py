@@ -1,0 +1,1 @@
+"""First-party simulators: recordings made from motions whose truth is known."""

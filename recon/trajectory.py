@@ -1,0 +1,212 @@
+"""The query side of a trajectory: pose at a time, path length, speed, deviation from a reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.errors import DataError
+from recon.numerics.geodesy import geodetic_to_enu
+from recon.numerics.rotation import angle, conjugate, rotate, shortest_arc, slerp, to_euler
+from recon.numerics.signals import interpolate_angle, wrap_angle
+from recon.placing import EARTHS, anchor_of
+from recon.tables import Array, has, matrix, meta, time_ns, vector
+
+if TYPE_CHECKING:
+    from pyquaternion import Quaternion
+
+OneTime: TypeAlias = str | float | datetime | np.datetime64
+Times: TypeAlias = OneTime | list[Any] | NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the vehicle is at one time.
+
+    time : UTC; position (3,) m and velocity (3,) m/s, local East-North-Up; attitude : vehicle to local
+    lat, lon : deg; height : m; NaN where the trajectory has no anchor
+    """
+
+    time: np.datetime64
+    position: Array
+    velocity: Array
+    attitude: Quaternion
+    lat: float
+    lon: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Where the vehicle is at n times: as Pose, with an axis in front; attitude (n, 4), scalar first."""
+
+    time: NDArray[np.datetime64]
+    position: Array
+    velocity: Array
+    attitude: Array
+    lat: Array
+    lon: Array
+    height: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A trajectory table with questions answered. `table` is the Arrow table."""
+
+    table: pa.Table
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    @property
+    def speed(self) -> Array:
+        """Magnitude of the velocity: (n,) m/s."""
+        return np.asarray(np.linalg.norm(matrix(self.table, "vel"), axis=1))
+
+    @property
+    def path_length(self) -> float:
+        """Length of the path in m, summed over the rows."""
+        return float(np.linalg.norm(np.diff(matrix(self.table, "pos"), axis=0), axis=1).sum())
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last row, in s."""
+        t_ns = time_ns(self.table)
+        return float((t_ns[-1] - t_ns[0]) * 1e-9) if len(t_ns) else 0.0
+
+    @overload
+    def at(self, times: OneTime) -> Pose: ...
+    @overload
+    def at(self, times: list[Any] | NDArray[Any]) -> Poses: ...
+
+    def at(self, times: Times) -> Pose | Poses:
+        """The pose at one time, or at many: positions and velocities linear, attitudes spherical between rows.
+
+        times : ISO text (UTC where it names no zone), datetime, numpy.datetime64, or seconds after the first row;
+            a list or array of these gives Poses
+
+        Raises DataError for a time outside the trajectory.
+        """
+        if isinstance(times, list | np.ndarray):
+            return self._poses(np.array([self._ns(one) for one in times], dtype=np.int64))
+        poses = self._poses(np.array([self._ns(times)], dtype=np.int64))
+        from pyquaternion import Quaternion
+
+        attitude = Quaternion(poses.attitude[0])
+        lat, lon, height = float(poses.lat[0]), float(poses.lon[0]), float(poses.height[0])
+        return Pose(poses.time[0], poses.position[0], poses.velocity[0], attitude, lat, lon, height)
+
+    def _ns(self, one: Any) -> int:
+        if isinstance(one, int | float | np.integer | np.floating):
+            return int(time_ns(self.table)[0]) + round(float(one) * 1e9)
+        if isinstance(one, str):
+            one = datetime.fromisoformat(one)
+        if isinstance(one, datetime):
+            aware = one if one.tzinfo else one.replace(tzinfo=UTC)
+            since = aware - datetime(1970, 1, 1, tzinfo=UTC)
+            return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+        return int(np.datetime64(one, "ns").astype(np.int64))
+
+    def _poses(self, t_ns: NDArray[np.int64]) -> Poses:
+        own = time_ns(self.table)
+        if not len(own) or t_ns.min(initial=own[0]) < own[0] or t_ns.max(initial=own[-1]) > own[-1]:
+            span = f"from {self.table['time'][0]} to {self.table['time'][-1]}" if len(own) else "over no row"
+            raise DataError(f"a time lies outside the trajectory, which runs {span}")
+        since, at = (own - own[0]) * 1e-9, (t_ns - own[0]) * 1e-9
+
+        def between(group: str) -> Array:
+            values = matrix(self.table, group, gaps=True)
+            return np.column_stack([np.interp(at, since, column) for column in values.T])
+
+        lat, height = between("lat")[:, 0], between("height")[:, 0]
+        lon = np.degrees(interpolate_angle(t_ns, own, np.radians(vector(self.table, "lon", gaps=True))))
+        attitude = slerp(at, since, matrix(self.table, "q"))
+        return Poses(t_ns.view("datetime64[ns]"), between("pos"), between("vel"), attitude, lat, lon, height)
+
+    def _repr_html_(self) -> str:
+        facts = {"rows": f"{len(self):,}", "duration": f"{self.duration:.1f} s", "path": f"{self.path_length:.1f} m"}
+        if len(self):
+            facts["top speed"] = f"{self.speed.max():.2f} m/s"
+        cells = "".join(f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts.items())
+        return f"<table>{cells}</table>"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a trajectory is from a reference, nothing aligned: root mean squares over the common time.
+
+    horizontal, vertical : m; velocity : m/s; heading, tilt : deg, of x and of z of the vehicle; final : m, horizontal,
+    at the end
+    """
+
+    horizontal: float
+    vertical: float
+    velocity: float
+    heading: float
+    tilt: float
+    final: float
+
+
+def deviation(trajectory: pa.Table, reference: pa.Table) -> Deviation:
+    """Compare at the trajectory's times inside the reference, both as logged, without any alignment.
+
+    Where both know their place on the Earth, the reference is seen from the anchor of the trajectory; else positions
+    are compared as they are. East, north and up of the two anchors are taken as parallel: 0.2 mrad in a kilometre.
+
+    Raises DataError where they have no time in common.
+    """
+    t_ns, t_ref = time_ns(trajectory), time_ns(reference)
+    inside = (t_ns >= t_ref[0]) & (t_ns <= t_ref[-1]) if len(t_ref) else np.zeros(len(t_ns), dtype=bool)
+    if not inside.any():
+        raise DataError("the trajectory and the reference have no time in common")
+    truth = Trajectory(reference)._poses(t_ns[inside])
+    error = matrix(trajectory, "pos")[inside] - _seen_from(trajectory, truth)
+    speed_error = matrix(trajectory, "vel")[inside] - truth.velocity
+    q = matrix(trajectory, "q")[inside]
+    yaw_error = wrap_angle(to_euler(q)[0] - to_euler(truth.attitude)[0])
+    tilt = angle(shortest_arc(_up(q), _up(truth.attitude)), [1.0, 0.0, 0.0, 0.0])
+    horizontal = np.hypot(error[:, 0], error[:, 1])
+    return Deviation(
+        _rms(horizontal),
+        _rms(error[:, 2]),
+        _rms(np.linalg.norm(speed_error, axis=1)),
+        float(np.degrees(_rms(yaw_error))),
+        float(np.degrees(_rms(tilt))),
+        float(horizontal[-1]),
+    )
+
+
+def _seen_from(trajectory: pa.Table, truth: Poses) -> Array:
+    """Positions of the truth in the local frame of the trajectory: (n, 3) m."""
+    anchor = anchor_of(trajectory)
+    if anchor is None or not np.isfinite(truth.lat + truth.lon + truth.height).all():
+        return truth.position
+    return geodetic_to_enu(truth.lat, truth.lon, truth.height, anchor, EARTHS[meta(trajectory).get("earth", "wgs84")])
+
+
+def _up(q: Array) -> Array:
+    """Direction of up in the vehicle: (n, 3)."""
+    return rotate(conjugate(q), [0.0, 0.0, 1.0])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:
+    """Distance in m, duration in s and top speed in m/s of a trajectory, or as far as GNSS alone tells them."""
+    if trajectory is not None and trajectory.num_rows:
+        found = Trajectory(trajectory)
+        return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
+    if gnss is not None and has(gnss, "speed"):
+        return {"top_speed": float(np.nanmax(vector(gnss, "speed", gaps=True)))}
+    return {}
