@@ -1,4 +1,4 @@
-'''What a plugin module can declare: one hook for each role.
+"""What a plugin module can declare: one hook for each role.
 
 A module holds one or more functions marked `@hookimpl` that yield records. It is named in its distribution's
 metadata, in the group `recon.plugins`, under "<role>.<name>":
@@ -7,7 +7,7 @@ metadata, in the group `recon.plugins`, under "<role>.<name>":
     "filter.clip" = "my_package.clip"
 
 pluggy finds and declares; it never executes. Each docstring below is a complete module.
-'''
+"""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Params(BaseModel):
             value = _in_si(value, unit, in_text=bool(info.context))
         wanted = cls.model_fields[name].annotation
         wants_tuple = tuple in (get_origin(wanted), *map(get_origin, get_args(wanted)))
-        return tuple(value) if wants_tuple and isinstance(value, list) else value
+        return _tuples(value) if wants_tuple else value
 
     @classmethod
     def describe(cls) -> list[ParamInfo]:
@@ -116,6 +116,10 @@ def unit_of(params: type[Params], name: str) -> str:
     """Unit in which a person writes the parameter, "" where it has none."""
     extra = params.model_fields[name].json_schema_extra
     return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _in_si(value: Any, unit: str, *, in_text: bool) -> Any:

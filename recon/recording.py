@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from recon.schema import APPENDED, Schema
 from recon.tables import append, meta, schema_of, select_rows, time_ns, with_meta
@@ -123,6 +122,8 @@ def _complemented(first: pa.Table, second: pa.Table) -> pa.Table | None:
 
 def _interleaved(first: pa.Table, second: pa.Table) -> pa.Table:
     """Union of the times of both; a column is null where only the other table has a row."""
+    import pyarrow.compute as pc  # slow import: only when used
+
     t_ns = np.union1d(time_ns(first), time_ns(second))
     columns = [pa.array(t_ns).cast(first["time"].type)]
     fields = [first.schema.field("time")]

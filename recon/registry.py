@@ -110,7 +110,6 @@ class Registry:
         return did_you_mean(key, self.names(role)) or f"installed: {', '.join(self.names(role)) or 'none of that role'}"
 
 
-
 def _source(point: EntryPoint) -> Source:
     distribution = point.dist
     name, version = (distribution.name, distribution.version) if distribution else ("", "")
@@ -135,10 +134,7 @@ def _declared(source: Source) -> dict[str, Stage]:
         manager.register(module)
         manager.check_pending()
         declared = [
-            record
-            for role in ROLES
-            for records in getattr(manager.hook, f"declare_{role}s")()
-            for record in records
+            record for role in ROLES for records in getattr(manager.hook, f"declare_{role}s")() for record in records
         ]
         for record in declared:
             _verify(record, source)

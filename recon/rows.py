@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from recon.schema import EVENTS, METRICS
 from recon.tables import build, times
@@ -81,6 +80,8 @@ def spans(table: pa.Table | None, kind: str) -> list[tuple[int, int]]:
     """(start, end) in ns since 1970 of the events of one kind, sorted by start."""
     if table is None:
         return []
+    import pyarrow.compute as pc  # slow import: only when used
+
     chosen = table.select(["time", "end_time", "kind"]).filter(pc.equal(table["kind"], kind))
     starts = chosen["time"].cast(pa.int64()).to_pylist()
     ends = chosen["end_time"].cast(pa.int64()).to_pylist()

@@ -228,7 +228,7 @@ def _fault(wanted: Column, schema: Schema) -> str:
 def _explain(names: tuple[str, ...], fault: str, schema: Schema, stream: str) -> Mismatch:
     shown = f"{stream}.{', '.join(names)}"
     if fault == "missing":
-        return Mismatch(names, f"{shown}; columns of '{stream}' here are {list(schema.names)}", missing=True)
+        return Mismatch(names, f"{shown}; columns of '{stream}' here are {', '.join(schema.names)}", missing=True)
     return Mismatch(names, f"{shown} {fault}")
 
 

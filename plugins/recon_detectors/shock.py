@@ -37,7 +37,7 @@ from recon import (
     setting,
     time_ns,
 )
-from recon.numerics.motion import STANDARD_GRAVITY
+from recon.numerics.geodesy import STANDARD_GRAVITY
 
 
 class ShockParams(Params):

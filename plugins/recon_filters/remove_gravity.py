@@ -34,8 +34,7 @@ from recon import (
     replace,
     setting,
 )
-from recon.numerics.geodesy import normal_gravity
-from recon.numerics.motion import STANDARD_GRAVITY
+from recon.numerics.geodesy import STANDARD_GRAVITY, normal_gravity
 from recon.numerics.rotation import Floats, conjugate, rotate
 from recon.placing import anchor_of, attitude_of, rows_during
 

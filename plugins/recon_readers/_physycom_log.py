@@ -10,6 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from recon.errors import ReadFailed
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.tables import Array, vector
 from recon_readers import _delimited
@@ -30,7 +31,6 @@ LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
 }
 """Least and largest value in the unit of the file. Others mean another format or a damaged file."""
 
-STANDARD_GRAVITY: Final = 9.80665
 MOST_FAULTY: Final = 0.01
 """Share of rows from which on a fault of the log is no longer a slip."""
 SAME_ABS_G: Final = 0.02

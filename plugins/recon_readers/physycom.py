@@ -28,6 +28,7 @@ import pyarrow as pa
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.parameters import Params, quantity, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU
@@ -36,7 +37,7 @@ from recon.tables import Streams, build, with_meta
 from recon.units import convert
 from recon_readers._fresh_rows import GnssRows, Mask, gnss_rows, imu_rows, see
 from recon_readers._physycom_layouts import ACCEL, EARLIEST_S, GYRO, PLACE, sniff
-from recon_readers._physycom_log import STANDARD_GRAVITY, Log, account, doubts, open_log
+from recon_readers._physycom_log import Log, account, doubts, open_log
 
 NS: Final = 1_000_000_000
 EPOCH_2000_NS: Final = 946_684_800 * NS

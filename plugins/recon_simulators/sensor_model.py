@@ -22,7 +22,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.motion import STANDARD_GRAVITY, MotionTruth, specific_force
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.numerics.motion import MotionTruth, specific_force
 from recon.numerics.rotation import Floats, heading_from_yaw, rotate
 
 Vector: TypeAlias = tuple[float, float, float]

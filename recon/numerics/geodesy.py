@@ -18,6 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
+STANDARD_GRAVITY = 9.80665
+"""m/s^2, 3rd CGPM (1901)."""
+
 EARTH_RATE = 7.292115e-5
 """Angular rate of the Earth, rad/s (TR8350.2, table 3.1)."""
 

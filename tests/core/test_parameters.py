@@ -24,6 +24,7 @@ class Sample(Params):
     warmth: float = quantity(20.0, "degC", doc="Temperature.")
     arm: tuple[float, float, float] = quantity((0.0, 10.0, -5.0), "cm", doc="Lever arm.")
     other_arm: tuple[float, float, float] | None = quantity(None, "m", doc="Another lever arm.")
+    outages: tuple[tuple[float, float], ...] = quantity((), "s", doc="Pairs of start and end.")
     order: int = setting(4, gt=0, doc="Order.")
     share: float = setting(0.5, ge=0, doc="A share.")
     side: Literal["left", "right"] = setting("left", doc="Side.")
@@ -113,6 +114,11 @@ def test_an_unknown_name_like_no_other_lists_what_there_is():
         "x.yaml:1:1: error: filter.sample has no parameter 'x'; it has gain",
     ]
     assert refused("x: 1", NoParams) == ["x.yaml:1:1: error: filter.sample has no parameter 'x'; it has none"]
+
+
+def test_lists_may_be_nested():
+    assert bound("outages: [[1 s, 2 s], [1 min, 2 min]]").outages == ((1.0, 2.0), (60.0, 120.0))
+    assert Sample(outages=((1.0, 2.0),)).as_text()["outages"] == [["1 s", "2 s"]]
 
 
 def test_all_problems_are_found_at_once():

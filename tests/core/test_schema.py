@@ -4,6 +4,7 @@ import pyarrow as pa
 import pytest
 
 from recon.schema import (
+    ANY,
     APPENDED,
     GNSS,
     IMU,
@@ -14,6 +15,7 @@ from recon.schema import (
     TRAJECTORY,
     Change,
     Column,
+    Need,
     Schema,
     by_step,
     group_of,
@@ -88,6 +90,14 @@ def test_a_possible_stream_may_be_absent():
     assert IMU.possible().uncertain
 
 
+def test_an_open_ended_stream_serves_every_frame_and_quantity_but_no_other_unit():
+    opened = IMU.open_ended()
+    assert opened.uncertain
+    assert match(IMU.need("accel", frame="vehicle", quantity={"accel": "acceleration"}), opened, "imu") == []
+    in_g = Need((Column("accel_x", "1", ANY, ANY),))
+    assert [mismatch.text for mismatch in match(in_g, opened, "imu")] == ["imu.accel_x in 1; here it is in m/s^2"]
+
+
 def test_a_need_is_served_by_the_schema_that_it_was_made_of():
     assert match(IMU.need("accel", "gyro", frame="sensor", maybe=["temperature"]), IMU, "imu") == []
 
@@ -96,7 +106,7 @@ def test_an_absent_group_is_one_mismatch_with_what_is_there():
     (lack,) = match(GNSS.need("pos"), GNSS.only("speed"), "gnss")
     assert lack.missing
     assert lack.columns == ("pos_e", "pos_n", "pos_u")
-    assert lack.text == "gnss.pos_e, pos_n, pos_u; columns of 'gnss' here are ['time', 'speed']"
+    assert lack.text == "gnss.pos_e, pos_n, pos_u; columns of 'gnss' here are time, speed"
 
 
 def test_absent_columns_that_only_may_be_used_are_no_mismatch():

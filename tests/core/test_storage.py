@@ -464,7 +464,7 @@ def test_a_parent_that_is_a_file_gives_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which not even root may write: /sys of Linux")
 def test_a_folder_that_may_not_be_written_gives_one_sentence() -> None:
     with (
-        pytest.raises(StorageError, match="permission denied|operation not permitted|read-only"),
+        pytest.raises(StorageError, match=r"permission denied|operation not permitted|read-only"),
         staged_folder(Path("/sys/recon-run")),
     ):
         pytest.fail("the folder cannot exist")

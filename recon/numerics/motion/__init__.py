@@ -17,10 +17,9 @@ from recon.numerics.motion.catalogue import (
 )
 from recon.numerics.motion.drive import Drive, Segment
 from recon.numerics.motion.spring import Spring, circle
-from recon.numerics.motion.truth import STANDARD_GRAVITY, Motion, MotionTruth, specific_force
+from recon.numerics.motion.truth import Motion, MotionTruth, specific_force
 
 __all__ = [
-    "STANDARD_GRAVITY",
     "Drive",
     "Motion",
     "MotionTruth",

@@ -16,10 +16,8 @@ from typing import Protocol
 
 import numpy as np
 
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.rotation import Floats, conjugate, rotate
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2, 3rd CGPM (1901)."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,211 @@
+"""recon for notebooks and programs: the same machinery as the command line.
+
+run = recon.run("thesis", "drive.txt", out="result", **{"fuser.weighted_average.weight": 0.02})
+run.trajectory.table, run.events, run.metrics, run.manifest
+again = recon.open("result")
+log = recon.read("drive.txt")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pyarrow as pa
+
+from recon import manifest as manifests
+from recon.check import check, with_exports
+from recon.errors import ConfigError, DataError
+from recon.pipeline import Override, Pipeline
+from recon.plan import Plan, PlannedStep
+from recon.problems import Problem, one_of
+from recon.recording import Recording
+from recon.registry import Registry
+from recon.rows import spans
+from recon.runner import Progress, Source, call_exporter, run_pipeline, silent
+from recon.stages import Exporter
+from recon.storage import STORES, read_recording, refuse_existing, staged_folder, write_recording
+from recon.trajectory import Trajectory, summarize
+
+Input: TypeAlias = str | Path | Sequence[str | Path] | Recording | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run. `folder` is where it is kept, None for one in memory only."""
+
+    recording: Recording
+    manifest: Mapping[str, Any]
+    folder: Path | None = None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The trajectory. Raises DataError where the pipeline made none."""
+        if "trajectory" not in self.recording:
+            raise DataError("this run has no trajectory", f"its streams are {', '.join(self.recording)}")
+        return Trajectory(self.recording["trajectory"])
+
+    @property
+    def events(self) -> pa.Table | None:
+        """What happened when; None where no step looked for events."""
+        return self.recording.get("events")
+
+    @property
+    def metrics(self) -> pa.Table | None:
+        """What the steps learnt."""
+        return self.recording.get("metrics")
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the user should know before he believes the result."""
+        return list(self.manifest.get("warnings", []))
+
+    def summary(self) -> dict[str, float]:
+        """distance m, duration s, top_speed m/s, stops, warnings; what the run does not tell is left out."""
+        found = summarize(self.recording.get("trajectory"), self.recording.get("gnss"))
+        if self.events is not None:
+            found["stops"] = len(spans(self.events, "standstill"))
+        return {**found, "warnings": len(self.warnings)}
+
+    def _repr_html_(self) -> str:
+        facts = self.summary().items()
+        cells = "".join(f"<tr><td>{escape(key)}</td><td>{value:,.6g}</td></tr>" for key, value in facts)
+        name = escape(str(self.manifest.get("pipeline", {}).get("name", "run")))
+        return f"<b>{name}</b><table>{cells}</table>{self.recording._repr_html_()}"
+
+
+def run(
+    pipeline: str | Path | Pipeline,
+    source: Input = None,
+    out: str | Path | None = None,
+    *,
+    exports: Iterable[str] = (),
+    store: str | None = None,
+    overwrite: bool = False,
+    registry: Registry | None = None,
+    progress: Progress = silent,
+    **overrides: object,
+) -> Run:
+    """Run a pipeline.
+
+    pipeline : a shipped name, a file, or a Pipeline
+    source : file or folder, several of them for one drive, or a Recording; None where the first step simulates
+    out : folder for the result; None keeps it in memory
+    exports : exporters to run at the end; needs `out`
+    store : "parquet" or "mcap"; by default what the pipeline says
+    overrides : parameters by "STEP.NAME", quantities as text with a unit: **{"filter.moving_average.window": "50 ms"}
+
+    Raises ConfigError, PluginError, DataError, StageError, StorageError.
+    """
+    registry = registry or Registry.installed()
+    found = pipeline if isinstance(pipeline, Pipeline) else Pipeline.from_file(pipeline)
+    chosen = [Override.from_data(target, value) for target, value in overrides.items()]
+    return execute(
+        found, source, out, chosen, exports=exports, store=store, overwrite=overwrite, registry=registry,
+        progress=progress,
+    )  # fmt: skip
+
+
+def execute(
+    pipeline: Pipeline,
+    source: Input,
+    out: str | Path | None,
+    overrides: Iterable[Override],
+    *,
+    registry: Registry,
+    exports: Iterable[str] = (),
+    store: str | None = None,
+    overwrite: bool = False,
+    progress: Progress = silent,
+) -> Run:
+    """As `run`, with everything already in the framework's own types."""
+    inputs = _source(source)
+    given = inputs.schemas() if isinstance(inputs, Recording) else None
+    plan, problems = check(with_exports(pipeline, exports), registry, overrides, given=given)
+    exporters = [step for step in plan.steps if isinstance(step.stage, Exporter)]
+    if store not in (None, *STORES):
+        problems.append(Problem(None, "unknown-store", f"there is no store '{store}'", f"use {one_of(STORES)}"))
+    if exporters and out is None:
+        text = f"{exporters[0].id} needs a folder to write to"
+        problems.append(Problem(None, "no-folder", text, "name one with out="))
+    if problems:
+        raise ConfigError(problems)
+    if out is None:
+        started = datetime.now(UTC)
+        outcome = run_pipeline(plan, inputs, registry, progress)
+        return Run(outcome.recording, manifests.make(plan, _paths(inputs), outcome, started=started))
+    folder = Path(out)
+    refuse_existing(folder, overwrite=overwrite)
+    finished = _run_into(folder, plan, inputs, registry, store or pipeline.store, overwrite, progress)
+    for step in exporters:
+        export_step(finished, step)
+    return finished
+
+
+def _run_into(
+    folder: Path, plan: Plan, inputs: Source, registry: Registry, store: str, overwrite: bool, progress: Progress
+) -> Run:
+    started = datetime.now(UTC)
+    outcome = run_pipeline(plan, inputs, registry, progress)
+    with staged_folder(folder, overwrite=overwrite) as scratch:
+        written = write_recording(outcome.recording, scratch, store)
+        outputs = manifests.describe_outputs(scratch, written)
+        made = manifests.make(plan, _paths(inputs), outcome, store=store, outputs=outputs, started=started)
+        manifests.write(made, scratch)
+    return Run(outcome.recording, made, folder)
+
+
+def open(folder: str | Path) -> Run:
+    """A finished run from its folder. Raises ReadFailed."""
+    path = Path(folder)
+    manifest = manifests.read(path)
+    return Run(read_recording(path), manifest, path)
+
+
+def read(
+    path: str | Path | Sequence[str | Path], *, registry: Registry | None = None, **overrides: object
+) -> Recording:
+    """A log as a recording, by the reader that knows it. Several files of one drive become one recording.
+
+    overrides : parameters of readers by "reader.NAME.PARAMETER"
+    """
+    chosen = [Override.from_data(target, value) for target, value in overrides.items()]
+    pipeline = Pipeline.of("read", "reader.auto")
+    return execute(pipeline, path, None, chosen, registry=registry or Registry.installed()).recording
+
+
+def export(finished: Run, names: Iterable[str], registry: Registry | None = None) -> list[Path]:
+    """Make exports from a finished run that is kept in a folder. Returns the files."""
+    registry = registry or Registry.installed()
+    empty = Pipeline("export", ())
+    plan, problems = check(with_exports(empty, names), registry, given=finished.recording.schemas())
+    if problems:
+        raise ConfigError(problems)
+    return [path for step in plan.steps for path in export_step(finished, step)]
+
+
+def export_step(finished: Run, step: PlannedStep) -> list[Path]:
+    """Run one exporter into DIR/exports/<name>; the folder appears when it is complete."""
+    if finished.folder is None:
+        raise DataError(f"{step.id} needs a run that is kept in a folder")
+    target = finished.folder / "exports" / step.stage.name
+    about = manifests.RunInfo(finished.folder.name, finished.manifest)
+    with staged_folder(target, overwrite=True, replaces_anything=True) as scratch:
+        made = [path.relative_to(scratch) for path in call_exporter(step, finished.recording, scratch, about)]
+    return [target / path for path in made]
+
+
+def _source(source: Input) -> Source:
+    if source is None:
+        return []
+    if isinstance(source, Recording):
+        return source
+    return [Path(source)] if isinstance(source, str | Path) else [Path(part) for part in source]
+
+
+def _paths(inputs: Source) -> Sequence[Path]:
+    return [] if isinstance(inputs, Recording) else inputs

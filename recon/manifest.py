@@ -1,0 +1,127 @@
+"""What made a result: DIR/manifest.json, written last, so that a folder with a manifest is complete.
+
+Everything but the block `environment` is the same for equal runs: same recon and plugins, pipeline, parameters and
+input bytes give the same text and the same output hashes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import recon
+from recon.errors import ReadFailed
+from recon.plan import Plan
+from recon.runner import Outcome
+from recon.storage.atomic import MANIFEST, MARK
+
+NUMBER: Final = 1
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """What an exporter is told of the run: the manifest, and the names that it is shown under."""
+
+    name: str
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What the user should know before he believes the result."""
+        return list(self.manifest.get("warnings", []))
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, as hexadecimal text."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def describe_input(path: Path) -> dict[str, Any]:
+    """Name, size and hash of an input; of a folder, those of all its files. Raises ReadFailed."""
+    try:
+        if not path.is_dir():
+            return {"name": path.name, "bytes": path.stat().st_size, "sha256": digest(path)}
+        parts = [describe_input(part) | {"name": part.relative_to(path).as_posix()} for part in _files_below(path)]
+    except OSError as error:
+        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+    return {"name": path.name, "files": parts}
+
+
+def _files_below(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def describe_outputs(folder: Path, files: Iterable[Path]) -> list[dict[str, Any]]:
+    """Path relative to the folder, size and hash of each file."""
+    return [
+        {"file": path.relative_to(folder).as_posix(), "bytes": path.stat().st_size, "sha256": digest(path)}
+        for path in sorted(files)
+    ]
+
+
+def make(
+    plan: Plan,
+    inputs: Sequence[Path],
+    outcome: Outcome,
+    *,
+    store: str = "",
+    outputs: Sequence[Mapping[str, Any]] = (),
+    started: datetime,
+) -> dict[str, Any]:
+    """The manifest of a finished run, as JSON data."""
+    return {
+        MARK: NUMBER,
+        "recon": recon.__version__,
+        "pipeline": {"name": plan.pipeline.name, "text": plan.pipeline.to_yaml()},
+        "plan": plan.resolved(),
+        "inputs": [describe_input(path) for path in inputs],
+        "steps": [
+            {"id": report.id, "rows": dict(report.rows), "metrics": list(report.metrics)} for report in outcome.reports
+        ],
+        "warnings": list(outcome.warnings),
+        "store": store,
+        "outputs": list(outputs),
+        "environment": {
+            "started": started.isoformat(timespec="milliseconds"),
+            "seconds": round((datetime.now(UTC) - started).total_seconds(), 3),
+            "step_seconds": {report.id: round(report.seconds, 4) for report in outcome.reports},
+            "inputs": [str(path.resolve()) for path in inputs],
+            "host": platform.node(),
+            "platform": platform.platform(),
+            "python": sys.version.split()[0],
+            "packages": {name: version(name) for name in ("numpy", "pyarrow", "scipy")},
+        },
+    }
+
+
+def write(manifest: Mapping[str, Any], folder: Path) -> Path:
+    """Write DIR/manifest.json."""
+    path = folder / MANIFEST
+    path.write_text(json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    return path
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The manifest of a finished run. Raises ReadFailed where there is none, or one of a newer recon."""
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise ReadFailed(folder, "this is no finished run: it holds no manifest.json", hint="name the folder of a run")
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        number = manifest[MARK]
+        if not isinstance(number, int):
+            raise TypeError(f"{MARK} is no number")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ReadFailed(path, "this is no manifest of recon", hint="name the folder of a run") from error
+    if number > NUMBER:
+        raise ReadFailed(path, f"it was written by a newer recon ({manifest.get('recon')})", hint="update recon")
+    return manifest

@@ -1,0 +1,64 @@
+"""A plan: the steps of a pipeline bound to stages, parameters and schemas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from recon.parameters import Params
+from recon.pipeline import Pipeline, Step
+from recon.registry import Source
+from recon.schema import Schema
+from recon.stages import Stage
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """A step with its stage and parameters.
+
+    inputs : stream by port, for the ports whose streams are there
+    outputs : schema by stream of what the step returns
+    """
+
+    step: Step
+    stage: Stage
+    params: Params
+    source: Source
+    inputs: Mapping[str, str]
+    outputs: Mapping[str, Schema]
+
+    @property
+    def id(self) -> str:
+        """The step's id in its pipeline."""
+        return self.step.id
+
+    def stream_of(self, port: str) -> str:
+        """The stream that a returned port is kept as."""
+        return self.step.outputs.get(port, port)
+
+    def resolved(self) -> dict[str, Any]:
+        """Stage, origin and every parameter in SI, as JSON data."""
+        return {
+            "id": self.id,
+            "use": self.stage.key,
+            "stage_version": self.stage.version,
+            "distribution": self.source.distribution,
+            "distribution_version": self.source.version,
+            "params": self.params.as_si(),
+            "in": dict(self.step.inputs),
+            "out": dict(self.step.outputs),
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run will do, and the schema of every stream at its end."""
+
+    pipeline: Pipeline
+    steps: tuple[PlannedStep, ...]
+    streams: Mapping[str, Schema]
+
+    def resolved(self) -> list[dict[str, Any]]:
+        """The steps as JSON data."""
+        return [step.resolved() for step in self.steps]

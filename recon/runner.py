@@ -1,0 +1,251 @@
+"""A run: the tables follow the plan from top to bottom.
+
+After every step what it returned is checked against the plan and stamped with types, units, frames and quantities.
+Rows of `events` and `metrics` are appended with the step's id; any other stream replaces the one of its name.
+Exporters are left to the caller: they need a folder, and a result that is already safe.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pyarrow as pa
+
+from recon.check import settled
+from recon.errors import ConfigError, ContractError, DataError, ReadFailed, ReconError, StageError
+from recon.plan import Plan, PlannedStep
+from recon.problems import Problem
+from recon.recording import Recording, combine
+from recon.registry import Registry
+from recon.rows import warnings_of
+from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
+from recon.stages import Exporter, Reader, Simulator
+from recon.tables import Streams, append, build, conform, schema_of
+
+Source: TypeAlias = Recording | Sequence[Path]
+Progress: TypeAlias = Callable[[int, int, str], None]
+"""Called as (steps done, steps in all, id of the step that begins)."""
+
+
+def silent(done: int, total: int, step: str) -> None:
+    """Progress that nobody sees."""
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one step did: rows by stream that it returned, its metrics, how long it took."""
+
+    id: str
+    rows: Mapping[str, int]
+    metrics: Sequence[Mapping[str, Any]]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished run: the recording at its end and what each step did."""
+
+    recording: Recording
+    reports: Sequence[StepReport]
+    warnings: Sequence[str] = field(default_factory=list)
+
+
+def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progress = silent) -> Outcome:
+    """Run all steps of a plan but its exporters.
+
+    source : the files to read, or a recording that takes the place of the first step
+
+    Raises ReadFailed, DataError, StageError, ContractError.
+    """
+    steps = [step for step in plan.steps if not isinstance(step.stage, Exporter)]
+    reports: list[StepReport] = []
+    if isinstance(source, Recording):
+        recording = source
+    else:
+        first, *steps = steps
+        progress(0, len(steps) + 1, first.id)
+        started = time.perf_counter()
+        recording, returned = _from_source(first, source, registry)
+        reports.append(_report(first, returned, started))
+    plan, problems = settled(plan, registry, recording.schemas())
+    _refuse(problems, recording)
+    steps = [step for step in plan.steps if not isinstance(step.stage, Exporter)]
+    total = len(steps) + len(reports)
+    for step in steps:
+        progress(len(reports), total, step.id)
+        started = time.perf_counter()
+        returned = _checked(step, _call(step, recording))
+        recording = _kept(recording, step, returned)
+        reports.append(_report(step, returned, started))
+    progress(total, total, "")
+    return Outcome(recording, reports, warnings_of(recording.get("metrics")))
+
+
+def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) -> tuple[Recording, Streams]:
+    if isinstance(step.stage, Simulator):
+        if source:
+            raise DataError(f"step {step.id} makes its own data and reads no file", "leave the input away")
+        nothing = Recording({})
+        parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
+    else:
+        if not source:
+            raise DataError(f"step {step.id} has no file to read", "name at least one input")
+        parts = [_read(step, path, registry) for path in source]
+    recording = combine(parts)
+    if not any(table.num_rows for name, table in recording.items() if name not in APPENDED):
+        raise DataError(f"{_names(source)} holds no rows", "is it the right file?")
+    return recording, dict(recording)
+
+
+def _read(step: PlannedStep, path: Path, registry: Registry) -> Recording:
+    if not path.exists():
+        raise ReadFailed(path, "there is no such file or folder")
+    extra = {"registry": registry} if isinstance(step.stage, Reader) and step.stage.delegates else {}
+    try:
+        returned = _guarded(step, lambda: step.stage.run(path=path, params=step.params, **extra))
+    except OSError as error:
+        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+    recording = _kept(Recording({}), step, _checked(step, returned))
+    return Recording(recording.streams, {"sources": [path.name]})
+
+
+def _call(step: PlannedStep, recording: Recording) -> Streams:
+    tables = _tables(step, recording)
+    try:
+        returned: Streams = _guarded(step, lambda: step.stage.run(**tables, params=step.params))
+    except OSError as error:
+        raise StageError(step.id, f"{type(error).__name__}: {error}") from error
+    return returned
+
+
+def _tables(step: PlannedStep, recording: Recording) -> dict[str, pa.Table | None]:
+    """What a step reads, by port. Raises DataError where an earlier step left out what it might have given."""
+    tables: dict[str, pa.Table | None] = {}
+    for port, need in step.stage.reads.items():
+        stream = step.step.inputs.get(port, port)
+        tables[port] = table = recording.get(stream)
+        if table is None and not need.optional:
+            raise DataError(f"step {step.id}: {step.stage.key} reads '{stream}', which no step above gave")
+        faults = match(need, schema_of(table), stream) if table is not None else []
+        if faults:
+            raise DataError(f"step {step.id}: {step.stage.key} reads {faults[0].text}")
+    return tables
+
+
+def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: object) -> list[Path]:
+    """Let an exporter write into a folder. Raises ContractError where it names a file outside of it."""
+    tables: dict[str, Any] = dict(_tables(step, recording))
+    if isinstance(step.stage, Exporter) and step.stage.every_stream:
+        tables["streams"] = dict(recording)
+    returned = _guarded(step, lambda: step.stage.run(**tables, folder=folder, about=about, params=step.params))
+    if not isinstance(returned, Sequence) or not all(isinstance(path, Path) for path in returned):
+        raise ContractError(step.id, "it did not return a list of paths")
+    files = list(returned)
+    outside = [path for path in files if not path.resolve().is_relative_to(folder.resolve())]
+    if outside:
+        raise ContractError(step.id, f"it wrote {outside[0]}, which is outside of its folder")
+    absent = [path for path in files if not path.is_file()]
+    if absent:
+        raise ContractError(step.id, f"it did not write {absent[0].name}, which it names")
+    return files
+
+
+def _guarded(step: PlannedStep, work: Callable[[], Any]) -> Any:
+    """Whatever a stage raises becomes an error of ours that names the step; OSError passes."""
+    try:
+        return work()
+    except ReadFailed:
+        raise
+    except ReconError as error:
+        error.message = f"step {step.id}: {error.message}"
+        raise
+    except OSError:
+        raise
+    except MemoryError as error:
+        raise StageError(step.id, "there is not enough memory") from error
+    except Exception as error:  # a stage is somebody else's code
+        hint = f"this is a fault of {step.source or step.stage.key}; '-v' shows where"
+        raise StageError(step.id, f"{type(error).__name__}: {error}", hint) from error
+
+
+def _checked(step: PlannedStep, returned: Any) -> Streams:
+    """What a step returned, by stream, stamped; raises ContractError where it is not what was planned."""
+    if not isinstance(returned, Mapping) or not all(isinstance(t, pa.Table) for t in returned.values()):
+        raise ContractError(step.id, "it did not return a mapping of stream names to Arrow tables")
+    streams = {step.stream_of(port): table for port, table in returned.items()}
+    if isinstance(step.stage, Reader) and step.stage.self_describing:
+        return {name: conform(table, schema_of(table), stream=name, step=step.id) for name, table in streams.items()}
+    planned = step.outputs
+    for name in streams:
+        if _planned_for(name, step) is None:
+            raise ContractError(step.id, f"it returned the stream '{name}', which it does not declare")
+    for name, schema in planned.items():
+        if name not in streams and name not in APPENDED and not schema.uncertain:
+            raise ContractError(step.id, f"it did not return the stream '{name}', which it declares")
+    return {
+        name: conform(table, _planned_for(name, step) or METRICS, stream=name, step=step.id)
+        for name, table in streams.items()
+    }
+
+
+def _planned_for(name: str, step: PlannedStep) -> Schema | None:
+    """The schema planned for a stream; a reader's `imu_2` is planned with its `imu`."""
+    if name not in step.outputs and isinstance(step.stage, Reader):
+        name = unnumbered(name)
+    return step.outputs.get(name)
+
+
+def _kept(recording: Recording, step: PlannedStep, returned: Streams) -> Recording:
+    """The recording after a step. Rows of `events` and `metrics` take the place of those of an earlier run's step."""
+    import pyarrow.compute as pc  # slow import: only when used
+
+    updates = {}
+    for name, table in returned.items():
+        if name in APPENDED:
+            before = recording.get(name)
+            if before is not None and "step" in before.column_names:
+                before = before.filter(pc.fill_null(pc.not_equal(before["step"], step.id), True))
+            updates[name] = append(before, _marked(table, name, step.id))
+        else:
+            updates[name] = table
+    return recording.updated(updates)
+
+
+def _marked(table: pa.Table, stream: str, step: str) -> pa.Table:
+    """The rows with their step: those of an earlier run, read from its files, keep theirs."""
+    steps = table["step"] if "step" in table.column_names else pa.nulls(table.num_rows, pa.string())
+    columns = {name: table[name] for name in table.column_names if name != "step"}
+    return build(by_step(stream), step=steps.fill_null(step), **columns)
+
+
+def _report(step: PlannedStep, returned: Streams, started: float) -> StepReport:
+    learnt = returned["metrics"].to_pylist() if "metrics" in returned else []
+    rows = {name: table.num_rows for name, table in returned.items() if name != "metrics"}
+    known = [{key: value for key, value in row.items() if _tells(value)} for row in learnt]
+    return StepReport(step.id, rows, known, time.perf_counter() - started)
+
+
+def _tells(value: object) -> bool:
+    """Is there something to keep, in a form that JSON knows?"""
+    return value not in (None, "") and not (isinstance(value, float) and not math.isfinite(value))
+
+
+def _refuse(problems: Sequence[Problem], recording: Recording) -> None:
+    """What only the file could settle: raises a DataError that names the sensor and the step."""
+    if not problems:
+        return
+    if any(problem.code not in ("missing-input", "wrong-input") for problem in problems):
+        raise ConfigError(problems)
+    sources = ", ".join(recording.meta.get("sources", [])) or "the recording"
+    lines = [f"{sources} does not hold what the pipeline needs: {problems[0].text}"]
+    lines += [problem.text for problem in problems[1:]]
+    raise DataError("\n  ".join(lines), "'recon inspect' shows what is in it")
+
+
+def _names(paths: Source) -> str:
+    return ", ".join(str(path) for path in paths) if not isinstance(paths, Recording) else "the recording"

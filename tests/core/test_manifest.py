@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import UTC, datetime
+
+import pytest
+from helpers import filter_of, imu_table, pipeline_of, source_of
+
+import recon
+from recon import manifest
+from recon.check import check
+from recon.errors import ReadFailed
+from recon.parameters import Params, quantity
+from recon.registry import Registry
+from recon.rows import Metric, metrics, warning
+from recon.runner import run_pipeline
+from recon.schema import SAME
+
+START = datetime(2020, 1, 2, 3, 4, 5, tzinfo=UTC)
+
+
+class Window(Params):
+    window: float = quantity(50.0, "ms", gt=0, doc="Window.")
+
+
+def learn(*, imu, params):
+    return {"imu": imu, "metrics": metrics([Metric("a", float("inf")), Metric("b", 2.0, "m"), warning("odd")])}
+
+
+def made(started=START, **options):
+    stages = source_of({"imu": imu_table()}), filter_of(learn, params=Window, writes={"imu": SAME})
+    registry = Registry.of(*stages)
+    plan, problems = check(pipeline_of("use: simulator.made", "use: filter.work"), registry)
+    assert problems == []
+    return manifest.make(plan, [], run_pipeline(plan, [], registry), started=started, **options)
+
+
+def test_a_manifest_says_what_made_the_result():
+    told = made(store="parquet")
+    assert told["recon_manifest"] == 1
+    assert told["recon"] == recon.__version__
+    assert told["pipeline"]["name"] == "test"
+    assert told["pipeline"]["text"].startswith("recon: 1\nname: test\nsteps:\n- use: simulator.made\n")
+    assert [step["params"] for step in told["plan"]] == [{}, {"window": 0.05}]
+    assert told["steps"][1] == {
+        "id": "filter.work",
+        "rows": {"imu": 4},
+        "metrics": [{"name": "a"}, {"name": "b", "value": 2.0, "unit": "m"}, {"name": "warning", "note": "odd"}],
+    }
+    assert told["warnings"] == ["odd"]
+    assert told["store"] == "parquet"
+
+
+def test_equal_runs_give_equal_manifests_but_for_the_environment():
+    first, second = made(), made(datetime(2021, 1, 1, tzinfo=UTC))
+    assert first["environment"]["started"] != second["environment"]["started"]
+    del first["environment"], second["environment"]
+    assert json.dumps(first) == json.dumps(second)
+
+
+def test_times_and_hosts_are_in_the_environment_alone():
+    told = made()
+    assert told["environment"]["started"] == "2020-01-02T03:04:05.000+00:00"
+    assert set(told["environment"]["step_seconds"]) == {"simulator.made", "filter.work"}
+    assert not {"started", "host", "seconds"} & set(told)
+
+
+def test_what_is_written_is_read_back(tmp_path):
+    told = made()
+    assert manifest.write(told, tmp_path) == tmp_path / "manifest.json"
+    assert manifest.read(tmp_path) == json.loads(json.dumps(told))
+
+
+def test_an_input_file_is_known_by_name_size_and_hash(tmp_path):
+    file = tmp_path / "log.txt"
+    file.write_bytes(b"1 2 3\n")
+    assert manifest.describe_input(file) == {
+        "name": "log.txt",
+        "bytes": 6,
+        "sha256": hashlib.sha256(b"1 2 3\n").hexdigest(),
+    }
+
+
+def test_an_input_folder_is_known_by_all_its_files(tmp_path):
+    (tmp_path / "drive" / "deep").mkdir(parents=True)
+    (tmp_path / "drive" / "b.txt").write_bytes(b"b")
+    (tmp_path / "drive" / "deep" / "a.txt").write_bytes(b"")
+    told = manifest.describe_input(tmp_path / "drive")
+    assert told["name"] == "drive"
+    assert [(part["name"], part["bytes"]) for part in told["files"]] == [("b.txt", 1), ("deep/a.txt", 0)]
+
+
+def test_a_missing_input_is_a_read_failure(tmp_path):
+    with pytest.raises(ReadFailed, match=r"no.txt: it cannot be read"):
+        manifest.describe_input(tmp_path / "no.txt")
+
+
+def test_outputs_are_described_in_order_with_paths_of_one_form(tmp_path):
+    (tmp_path / "streams").mkdir()
+    files = [tmp_path / "streams" / name for name in ("b", "a")]
+    for file in files:
+        file.write_bytes(b"x")
+    told = manifest.describe_outputs(tmp_path, files)
+    assert [entry["file"] for entry in told] == ["streams/a", "streams/b"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"recon_manifest": "1"}', "\x00\x01", '{"recon_manifest": 0.5}'])
+def test_anything_else_is_no_manifest(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ReadFailed, match="this is no manifest of recon"):
+        manifest.read(tmp_path)
+
+
+def test_bytes_that_are_no_text_are_no_manifest(tmp_path):
+    (tmp_path / "manifest.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ReadFailed, match="this is no manifest of recon"):
+        manifest.read(tmp_path)
+
+
+def test_a_folder_without_manifest_is_no_finished_run(tmp_path):
+    with pytest.raises(ReadFailed, match=r"this is no finished run: it holds no manifest.json"):
+        manifest.read(tmp_path)
+
+
+def test_a_manifest_of_a_newer_recon_says_so(tmp_path):
+    (tmp_path / "manifest.json").write_text('{"recon_manifest": 2, "recon": "9.0"}', encoding="utf-8")
+    with pytest.raises(ReadFailed, match=r"it was written by a newer recon \(9.0\)"):
+        manifest.read(tmp_path)
