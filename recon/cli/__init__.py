@@ -1,0 +1,68 @@
+"""The command line, one verb for each module here: `recon VERB ...`.
+
+    0    done                                    4    a log cannot be read, or does not hold what is needed
+    1    a fault of recon itself                 5    a stage failed
+    2    a pipeline or an option is wrong        8    a result could not be written
+    3    a plugin cannot be used                 130  interrupted        141  nobody reads the output any more
+
+Results go to standard output; progress and errors, `error: <what>` and an indented hint, to standard error. Modules
+are imported by the verb that needs them, so that `recon --help` costs nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from recon.cli import _console as console
+from recon.errors import EXIT_INTERRUPTED, ConfigError, ReconError
+
+EXIT_FAULT: Final = 1
+EXIT_PIPE: Final = 141
+"""128 + SIGPIPE: what other programs exit with when their reader goes away."""
+
+_VERBOSE: Final = ("-v", "--verbose")
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run one command line, by default the process's own; returns the exit code and raises nothing."""
+    console.prepare()
+    words, verbose = _without_verbose(sys.argv[1:] if args is None else args)
+    try:
+        from recon.cli._app import invoke
+
+        code = invoke(words)
+        console.flush()
+    except KeyboardInterrupt as interruption:
+        console.write_error(f"interrupted; {str(interruption) or 'nothing was written'}")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        console.abandon_output()
+        return EXIT_PIPE
+    except Exception as error:  # the last resort: a user never sees a traceback unless he asks
+        return _report(error, verbose=verbose)
+    return code
+
+
+def _without_verbose(words: Sequence[str]) -> tuple[list[str], bool]:
+    """-v is understood anywhere before `--`: who is told to add it adds it at the end."""
+    end = words.index("--") if "--" in words else len(words)
+    kept = [word for word in words[:end] if word not in _VERBOSE]
+    return [*kept, *words[end:]], len(kept) < end
+
+
+def _report(error: Exception, *, verbose: bool) -> int:
+    if verbose:
+        import traceback
+
+        console.write_error("".join(traceback.format_exception(error)).rstrip())
+    if isinstance(error, ConfigError):
+        console.write_error("\n".join(problem.as_text() for problem in error.problems))
+    elif isinstance(error, ReconError):
+        hint = "".join(f"\n  {line.strip()}" for line in error.hint.splitlines())
+        console.write_error(f"error: {error.message}{hint}")
+    else:
+        seen = "" if verbose else ", '-v' shows where"
+        console.write_error(f"error: this is a fault of recon, please report it{seen}: {type(error).__name__}: {error}")
+    return error.exit_code if isinstance(error, ReconError) else EXIT_FAULT

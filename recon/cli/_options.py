@@ -1,0 +1,54 @@
+"""Options that several verbs share, and what their texts mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from recon.errors import ConfigError
+from recon.problems import Problem, Where, did_you_mean, one_of
+
+if TYPE_CHECKING:
+    from recon.pipeline import Override
+
+Inputs: TypeAlias = Annotated[
+    list[Path] | None, typer.Argument(metavar="INPUT", help="Log file or folder; several are one drive.")
+]
+Settings: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="STEP.PARAM=VALUE", help="Set a parameter; @FILE reads the value from YAML."),
+]
+Store: TypeAlias = Annotated[
+    str | None, typer.Option("--store", metavar="KIND", help="How streams are kept: parquet or mcap.")
+]
+Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Replace an older result.")]
+AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def overrides_of(settings: Sequence[str] | None) -> list[Override]:
+    """What `--set` asks for. Raises ConfigError with the problems of all of them."""
+    from recon.pipeline import Override
+
+    found: list[Override] = []
+    problems: list[Problem] = []
+    for option in settings or ():
+        try:
+            found.append(Override.from_option(option))
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(problems)
+    return found
+
+
+def check_store(store: str | None) -> None:
+    """Raises ConfigError for a kind of store that there is not."""
+    from recon.pipeline import STORES
+
+    if store is not None and store not in STORES:
+        hint = did_you_mean(store, STORES) or f"write {one_of(STORES)}"
+        where = Where(f"--store {store}")
+        raise ConfigError([Problem(where, "bad-option", f"there is no store '{store}'", hint)])

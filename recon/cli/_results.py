@@ -1,0 +1,94 @@
+"""What is on disk after all when a command fails or is interrupted, and what a finished run is told as."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from recon.cli import _console as console
+from recon.errors import ReconError
+
+if TYPE_CHECKING:
+    from recon.api import Run
+
+MOST_WARNINGS: Final = 8
+
+
+@contextmanager
+def accounted(results: Mapping[str, Path]) -> Iterator[None]:
+    """An error or Ctrl-C in the block says which of these results were written before it, by looking.
+
+    results : by what messages call it, the place where a result appears when it is whole
+    """
+    before = {name: _identity(path) for name, path in results.items()}
+    try:
+        yield
+    except (ReconError, KeyboardInterrupt) as error:
+        there = {name: _identity(path) for name, path in results.items()}
+        whole = [f"{name} is complete: {results[name]}" for name in results if there[name] not in (None, before[name])]
+        if not whole:
+            raise
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt("; ".join([*error.args, *whole])) from None
+        error.hint = "\n".join([*error.hint.splitlines(), *whole])
+        raise
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Tells a file or folder from another one that took its place; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def as_data(finished: Run) -> dict[str, Any]:
+    """A finished run for programs."""
+    return {
+        "folder": str(finished.folder),
+        "pipeline": finished.manifest["pipeline"]["name"],
+        "summary": finished.summary(),
+        "warnings": finished.warnings,
+        "streams": list(finished.recording),
+        "exports": [str(path) for path in exported(finished)],
+    }
+
+
+def as_text(finished: Run) -> str:
+    """A finished run for people: a short table, then what they should know before they believe it."""
+    facts = finished.summary()
+    rows = [
+        ("distance", f"{facts['distance']:,.1f} m" if "distance" in facts else ""),
+        ("duration", f"{facts['duration']:,.1f} s" if "duration" in facts else ""),
+        ("top speed", _speed(facts["top_speed"]) if "top_speed" in facts else ""),
+        ("stops", f"{facts['stops']:.0f}" if "stops" in facts else ""),
+        ("warnings", str(len(finished.warnings))),
+        ("streams", ", ".join(finished.recording)),
+        *(("export", str(path)) for path in exported(finished)),
+        ("result", str(finished.folder)),
+    ]
+    told = [console.table([row for row in rows if row[1]])]
+    return "\n".join(told + warning_lines(finished.warnings))
+
+
+def _speed(value: float) -> str:
+    return f"{value:.2f} m/s ({value * 3.6:.1f} km/h)"
+
+
+def exported(finished: Run) -> list[Path]:
+    """Files that exporters left in the run's folder."""
+    below = finished.folder / "exports" if finished.folder else Path()
+    return sorted(path for path in below.rglob("*") if path.is_file()) if finished.folder else []
+
+
+def warning_lines(warnings: list[str]) -> list[str]:
+    """A line for each warning, the same ones together, the first ones only."""
+    counts = Counter(warnings)
+    lines = [f"warning: {text}{f' ({count} times)' if count > 1 else ''}" for text, count in counts.items()]
+    if len(lines) > MOST_WARNINGS:
+        lines[MOST_WARNINGS:] = [f"... and {len(lines) - MOST_WARNINGS} more warnings, see manifest.json"]
+    return lines

@@ -1,0 +1,79 @@
+"""`recon convert`: any log that can be read, as Parquet or MCAP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import Overwrite, Settings, Store, check_store, overrides_of
+from recon.cli._progress import progress
+from recon.cli._results import accounted, warning_lines
+from recon.errors import ConfigError
+from recon.problems import Problem, Where
+
+if TYPE_CHECKING:
+    from recon.api import Run
+
+
+def convert(
+    sources: Annotated[list[Path], typer.Argument(metavar="SRC", help="A log, several of one drive, or a result.")],
+    target: Annotated[Path, typer.Argument(metavar="DST", help="A new folder, or one file that ends in .mcap.")],
+    settings: Settings = None,
+    store: Store = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a log as Parquet or MCAP.
+
+    Example: recon convert drive.txt drive.mcap
+    """
+    from recon.api import execute
+    from recon.pipeline import Pipeline
+    from recon.registry import Registry
+
+    check_store(store)
+    overrides = overrides_of(settings)
+    reading = Pipeline.of("convert", "reader.auto")
+    as_file = target.suffix == ".mcap"
+    if as_file:
+        _refuse(target, store, overwrite=overwrite)
+    with accounted({"the recording": target}), progress() as shown:
+        made = execute(
+            reading,
+            sources,
+            None if as_file else target,
+            overrides,
+            registry=Registry.installed(),
+            store=store,
+            overwrite=overwrite,
+            progress=shown,
+        )
+        if as_file:
+            _write_file(made, target)
+    rows = ", ".join(f"{name} ({table.num_rows:,} rows)" for name, table in made.recording.items())
+    console.write("\n".join([f"{target}: {rows}", *warning_lines(made.warnings)]))
+
+
+def _refuse(target: Path, store: str | None, *, overwrite: bool) -> None:
+    """Raises ConfigError where the file may not be written: to be asked before any work is done."""
+    from recon.storage import refuse_existing, store_of
+
+    if store == "parquet":
+        hint = "name a folder, or leave --store away"
+        raise ConfigError([Problem(Where(f"--store {store}"), "bad-option", f"{target} is a single MCAP file", hint)])
+    if not (overwrite and target.is_file() and store_of(target) == "mcap"):
+        refuse_existing(target, overwrite)
+
+
+def _write_file(made: Run, target: Path) -> None:
+    """One MCAP file. Its meta holds the manifest, but for what differs between equal runs."""
+    from recon.recording import Recording
+    from recon.storage import mcap, staged_file
+    from recon.tables import with_meta
+
+    manifest = {key: value for key, value in made.manifest.items() if key not in ("environment", "outputs", "store")}
+    streams = {name: with_meta(table) for name, table in made.recording.items()}
+    with staged_file(target) as path:
+        mcap.write_file(Recording(streams, {**made.recording.meta, "manifest": manifest}), path)

@@ -1,0 +1,134 @@
+"""`recon inspect`: what is in a log or in a result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._columns import column_rows
+from recon.cli._options import AsJson, Settings, overrides_of
+from recon.cli._results import warning_lines
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from recon.api import Run
+
+GAP: Final = 3.0
+"""A step in time above this many times the median one is a gap."""
+
+
+def inspect(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="A log, several of one drive, or a result.")],
+    settings: Settings = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a log or in a result.
+
+    Example: recon inspect drive.txt
+    """
+    from recon import api
+    from recon.pipeline import Pipeline
+    from recon.registry import Registry
+    from recon.storage.atomic import is_result
+
+    if len(paths) == 1 and is_result(paths[0]):
+        found = api.open(paths[0])
+    else:
+        reading = Pipeline.of("inspect", "reader.auto")
+        found = api.execute(reading, paths, None, overrides_of(settings), registry=Registry.installed())
+    told = _described(found, [str(path) for path in paths])
+    if as_json:
+        console.write_json(told)
+    else:
+        console.write(_as_text(told))
+
+
+def _described(found: Run, paths: list[str]) -> dict[str, Any]:
+    """A recording as JSON data; a log's also holds `learnt`, what the reader found out and assumed."""
+    told: dict[str, Any] = {"paths": paths}
+    if found.folder is not None:
+        told["pipeline"] = found.manifest["pipeline"]["name"]
+    elif found.metrics is not None:
+        told["learnt"] = found.metrics.to_pylist()
+    streams = {name: _stream(table) for name, table in found.recording.items() if name != "metrics" or found.folder}
+    return {**told, "warnings": found.warnings, "streams": streams}
+
+
+def _stream(table: pa.Table) -> dict[str, Any]:
+    from recon.tables import meta, schema_of
+
+    columns = [
+        {
+            "name": column.name,
+            "type": str(column.type),
+            "unit": column.unit,
+            "frame": column.frame,
+            "quantity": column.quantity,
+            "nulls": table[column.name].null_count,
+        }
+        for column in schema_of(table).columns
+    ]
+    return {"rows": table.num_rows, **_times(table), "facts": meta(table), "columns": columns}
+
+
+def _times(table: pa.Table) -> dict[str, Any]:
+    """First and last time, s between them, Hz, gaps; rate and gaps only of streams whose time rises."""
+    import numpy as np
+
+    from recon.numerics.signals import median_rate
+    from recon.tables import time_ns
+
+    if "time" not in table.column_names or not table.num_rows:
+        return {}
+    t_ns = time_ns(table)
+    first, last = int(t_ns.min()), int(t_ns.max())
+    told = {"first": _iso(first), "last": _iso(last), "span_s": (last - first) * 1e-9}
+    steps = np.diff(t_ns)
+    if not len(steps) or steps.min() <= 0 or "kind" in table.column_names:
+        return told
+    gaps = steps[steps > GAP * np.median(steps)]
+    told["rate_hz"] = median_rate(t_ns)
+    told["gaps"] = {"count": len(gaps), "longest_s": float(gaps.max(initial=0) * 1e-9)}
+    return told
+
+
+def _iso(t_ns: int) -> str:
+    import numpy as np
+
+    return f"{np.datetime64(t_ns, 'ns')}Z"
+
+
+def _as_text(told: dict[str, Any]) -> str:
+    head = ", ".join(told["paths"])
+    lines = [f"{head}: result of pipeline '{told['pipeline']}'" if "pipeline" in told else head]
+    for name, stream in told["streams"].items():
+        lines += ["", f"{name}: {_stream_line(stream)}"]
+        lines += [f"  {key}: {value}" for key, value in stream["facts"].items()]
+        filled = [column for column in stream["columns"] if not stream["rows"] or column["nulls"] < stream["rows"]]
+        lines.append(console.table(column_rows(filled)))
+        empty = [column["name"] for column in stream["columns"] if column not in filled]
+        if empty:
+            lines.append(f"  {len(empty)} columns without any value: {', '.join(empty)}")
+    if told.get("learnt"):
+        lines += ["", "what the reader learnt and assumed", console.table([_learnt(row) for row in told["learnt"]])]
+    return "\n".join([*lines, *[""] * bool(told["warnings"]), *warning_lines(told["warnings"])])
+
+
+def _stream_line(stream: dict[str, Any]) -> str:
+    parts = [f"{stream['rows']:,} rows"]
+    if "first" in stream:
+        parts.append(f"{stream['first']} to {stream['last']} ({stream['span_s']:.3f} s)")
+    if "rate_hz" in stream:
+        gaps = stream["gaps"]
+        longest = f", the longest {gaps['longest_s']:.3f} s" if gaps["count"] else ""
+        parts += [f"{stream['rate_hz']:.4g} Hz", f"{gaps['count'] or 'no'} gap{'s' * (gaps['count'] != 1)}{longest}"]
+    return ", ".join(parts)
+
+
+def _learnt(row: dict[str, Any]) -> tuple[str, ...]:
+    value = "" if row["value"] is None else f"{row['value']:.6g} {row['unit'] or ''}".strip()
+    return (row["name"] or "", value, row["method"] or "", row["note"] or "")

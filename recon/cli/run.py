@@ -1,0 +1,68 @@
+"""`recon run`: a pipeline over a log."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import AsJson, Inputs, Overwrite, Settings, Store, check_store, overrides_of
+from recon.cli._progress import progress
+from recon.cli._results import accounted, as_data, as_text
+
+
+def run(
+    pipeline: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of a shipped pipeline, or a YAML file.")],
+    inputs: Inputs = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the result; by default named after INPUT and PIPELINE."),
+    ] = None,
+    settings: Settings = None,
+    exports: Annotated[
+        list[str] | None, typer.Option("--export", metavar="NAME", help="Export when the run is done.")
+    ] = None,
+    store: Store = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run a pipeline over a log.
+
+    Example: recon run thesis drive.txt --export csv --set filter.moving_average.window="20 ms"
+    """
+    from recon.api import execute
+    from recon.pipeline import Pipeline
+    from recon.registry import Registry
+
+    check_store(store)
+    overrides = overrides_of(settings)
+    found = Pipeline.from_file(pipeline)
+    folder = out or default_folder(found.name, inputs or ())
+    names = list(dict.fromkeys(exports or ()))
+    made = {f"export {name}": folder / "exports" / name.removeprefix("exporter.") for name in names}
+    with accounted({"the run": folder, **made}), progress() as shown:
+        finished = execute(
+            found,
+            inputs or None,
+            folder,
+            overrides,
+            registry=Registry.installed(),
+            exports=names,
+            store=store,
+            overwrite=overwrite,
+            progress=shown,
+        )
+    if as_json:
+        console.write_json(as_data(finished))
+    else:
+        console.write(as_text(finished))
+
+
+def default_folder(pipeline: str, inputs: Sequence[Path]) -> Path:
+    """Where a result goes that was given no place: `<stem of the first input>-<pipeline>` in the working directory."""
+    stems = [path.resolve().stem for path in inputs[:1]]
+    return Path(re.sub(r"[^\w.-]+", "_", "-".join([*stems, pipeline])))

@@ -1,0 +1,75 @@
+"""`recon validate`: every problem of pipelines and batch files, without any data."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.errors import ConfigError, PluginError
+from recon.problems import Problem, Where
+
+if TYPE_CHECKING:
+    from recon.registry import Registry
+
+BROKEN: Final = "broken-stage"
+
+
+class Format(StrEnum):
+    """How problems are printed."""
+
+    text = "text"
+    json = "json"
+    github = "github"
+
+
+def validate(
+    files: Annotated[list[str], typer.Argument(metavar="FILE", help="Pipelines or batch files.")],
+    format: Annotated[
+        Format, typer.Option(help="How problems are printed; github: annotations of GitHub Actions.")
+    ] = Format.text,
+) -> None:
+    """Print every problem of pipelines and batch files.
+
+    Example: recon validate pipelines/my_pipeline.yaml
+    """
+    from recon.registry import Registry
+
+    registry = Registry.installed()
+    problems: list[Problem] = []
+    for file in files:
+        what, found = _validated(file, registry)
+        problems += found
+        if not found and format is not Format.json:
+            console.write(f"{file}: {what}")
+    if format is Format.json:
+        console.write_json([problem.as_dict() for problem in problems])
+    elif problems:
+        console.write("\n".join(p.as_github() if format is Format.github else p.as_text() for p in problems))
+    if problems:
+        only_broken = all(problem.code == BROKEN for problem in problems)
+        raise typer.Exit(PluginError.exit_code if only_broken else ConfigError.exit_code)
+
+
+def _validated(file: str, registry: Registry) -> tuple[str, list[Problem]]:
+    """What a file is, in words, and its problems."""
+    from recon.form import is_batch
+    from recon.pipeline import find
+    from recon.validation import validate_pipeline
+    from recon.yaml_nodes import load_file
+
+    try:
+        root = load_file(find(file))
+        if is_batch(root):
+            from recon import batch
+
+            described, problems = batch.parse(root)
+            return f"batch '{described.name}' is valid", problems + batch.check_batch(described, registry)
+        pipeline, problems = validate_pipeline(root, registry)
+        return f"pipeline '{pipeline.name}' is valid, {len(pipeline.steps)} steps", problems
+    except ConfigError as error:
+        return "", list(error.problems)
+    except PluginError as error:
+        return "", [Problem(Where(file), BROKEN, error.message, error.hint)]
