@@ -1,0 +1,51 @@
+"""recon as its users get it: built as a wheel, installed away from the checkout."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def python(*arguments: str, home: Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, "PYTHONPATH": str(home)}
+    return subprocess.run(
+        [sys.executable, "-P", *arguments], cwd=cwd, env=env, capture_output=True, text=True, check=True
+    )
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder into which the wheel is installed; its dependencies come from the environment of the tests."""
+    folder = tmp_path_factory.mktemp("wheel")
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", str(ROOT), "--no-deps", "--wheel-dir", str(folder)], check=True)
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(folder / "site"), str(wheel)], check=True)
+    return folder / "site"
+
+
+def test_the_wheel_holds_all_stages_and_pipelines(home: Path, tmp_path: Path) -> None:
+    code = (
+        "import recon; from recon.registry import Registry; from recon.pipeline import shipped;"
+        "print(recon.__file__);"
+        "registry = Registry.installed();"
+        "print(*[registry.get(key).key for key in registry]);"
+        "print(*[str(path) for path in shipped().values()])"
+    )
+    where, stages, pipelines = python("-c", code, home=home, cwd=tmp_path).stdout.splitlines()
+    assert where.startswith(str(home))
+    assert {"reader.physycom", "fuser.weighted_average", "exporter.csv"} <= set(stages.split())
+    assert all(path.startswith(str(home)) for path in pipelines.split())
+    assert {Path(path).stem for path in pipelines.split()} == {path.stem for path in ROOT.glob("pipelines/*.yaml")}
+
+
+def test_the_demo_runs_from_the_wheel(home: Path, tmp_path: Path) -> None:
+    done = python("-m", "recon", "demo", "--out", "demo", home=home, cwd=tmp_path)
+    assert (tmp_path / "demo" / "thesis" / "manifest.json").is_file()
+    assert "Traceback" not in done.stderr
