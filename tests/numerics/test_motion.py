@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.motion import (
-    STANDARD_GRAVITY,
     Drive,
     Motion,
     MotionTruth,

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.motion import (
-    STANDARD_GRAVITY,
     MotionTruth,
     circle,
     crash,
