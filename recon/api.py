@@ -20,7 +20,8 @@ import pyarrow as pa
 from recon import manifest as manifests
 from recon.check import check, with_exports
 from recon.errors import ConfigError, DataError
-from recon.pipeline import Override, Pipeline
+from recon.overrides import Override
+from recon.pipeline import Pipeline
 from recon.plan import Plan, PlannedStep
 from recon.problems import Problem, one_of
 from recon.recording import Recording

@@ -34,8 +34,9 @@ from typing import Final
 from recon.check import check, with_exports
 from recon.errors import ConfigError, PluginNotFound
 from recon.form import Form
+from recon.overrides import Override
 from recon.parameters import bind
-from recon.pipeline import FORMAT, Override, Pipeline, find
+from recon.pipeline import FORMAT, Pipeline, find
 from recon.problems import Problem, Where
 from recon.registry import Registry
 from recon.stages import Executor

@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from recon.errors import PluginBroken, PluginNotFound
+from recon.overrides import Override, with_overrides
 from recon.parameters import Params, bind
-from recon.pipeline import Override, Pipeline, Step, with_overrides
+from recon.pipeline import Pipeline, Step
 from recon.plan import Plan, PlannedStep
 from recon.problems import Problem, Where, did_you_mean
 from recon.registry import Registry
@@ -118,9 +119,14 @@ def _bind_delegation(stage: Stage, step: Step, registry: Registry) -> tuple[Para
     """Parameters of a reader that hands over: those under the name of a reader are checked against that reader."""
     entries = step.params.value if isinstance(step.params.value, Mapping) else {}
     own = {name: node for name, node in entries.items() if role_of(name) != "reader"}
+    direct = own.pop("readers", None)
     params, problems = bind(stage.params, Node(own, step.params.where, step.params.keys), stage.key)
+    if direct is not None:
+        hint = "write each reader's name on a line of its own, as 'reader.physycom: {gravity: 9.81 m/s^2}'"
+        where = step.params.where_of_key("readers")
+        problems.append(Problem(where, "unknown-parameter", f"{stage.key} has no parameter 'readers'", hint))
     for name, node in entries.items():
-        if name in own:
+        if role_of(name) != "reader":
             continue
         if name not in registry:
             text = f"there is no stage '{name}'"
@@ -131,8 +137,8 @@ def _bind_delegation(stage: Stage, step: Step, registry: Registry) -> tuple[Para
             problems += _optional_bind(registry.get(name), node)
     if not isinstance(params, Delegation):
         return params, problems
-    handed = {name: node.plain() for name, node in entries.items() if name not in own}
-    return params.model_copy(update={"readers": {**params.readers, **handed}}), problems
+    handed = {name: node.plain() for name, node in entries.items() if role_of(name) == "reader"}
+    return params.model_copy(update={"readers": handed}), problems
 
 
 def _optional_bind(stage: Stage, node: Node) -> list[Problem]:
@@ -183,8 +189,7 @@ def _lacks(need: Need, stream: str, streams: Schemas, *, whole: bool) -> list[Mi
         return match(need, streams[stream], stream)
     if need.optional or not whole:
         return []
-    names = tuple(column.name for column in need.columns if not column.optional)
-    return [Mismatch(names, f"'{stream}'; streams here are {', '.join(sorted(streams)) or 'none'}", missing=True)]
+    return [Mismatch((), f"'{stream}'; streams here are {', '.join(sorted(streams)) or 'none'}", missing=True)]
 
 
 def _outputs(bound: Bound, inputs: Schemas, *, served: bool) -> Schemas:
@@ -207,8 +212,9 @@ def _flow_problem(planned: Sequence[PlannedStep], index: int, stream: str, lack:
     notes: tuple[tuple[Where, str], ...] = ()
     for later in planned[index + 1 :]:
         written = later.outputs.get(stream)
-        if lack.missing and written is not None and any(name in written for name in lack.columns):
-            text = f"{later.stage.key} writes {stream}.{lack.columns[0]}, but only later: move it above"
+        if lack.missing and written is not None and (not lack.columns or any(n in written for n in lack.columns)):
+            what = f"{stream}.{lack.columns[0]}" if lack.columns else f"'{stream}'"
+            text = f"{later.stage.key} writes {what}, but only later: move it above"
             notes = ((later.step.where, text),)
             break
     where = bound.step.where

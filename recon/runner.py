@@ -65,7 +65,7 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
     steps = [step for step in plan.steps if not isinstance(step.stage, Exporter)]
     reports: list[StepReport] = []
     if isinstance(source, Recording):
-        recording = source
+        recording = _as_given(source)
     else:
         first, *steps = steps
         progress(0, len(steps) + 1, first.id)
@@ -84,6 +84,15 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
         reports.append(_report(step, returned, started))
     progress(total, total, "")
     return Outcome(recording, reports, warnings_of(recording.get("metrics")))
+
+
+def _as_given(recording: Recording) -> Recording:
+    """The recording, its streams checked. Raises DataError where time does not rise."""
+    try:
+        checked = {name: conform(t, schema_of(t), stream=name, step="given") for name, t in recording.items()}
+    except ContractError as error:
+        raise DataError(error.message.replace("step given: ", "the recording: ")) from error
+    return Recording(checked, recording.meta)
 
 
 def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) -> tuple[Recording, Streams]:

@@ -193,7 +193,10 @@ class Schema:
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Why a stream does not serve a need. `missing` tells an absent column from one with the wrong properties."""
+    """Why a stream does not serve a need.
+
+    columns : those concerned, none where the whole stream is absent; missing : absent rather than of wrong properties
+    """
 
     columns: tuple[str, ...]
     text: str

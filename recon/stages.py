@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, TypeAlias
 
 from recon.parameters import NoParams, Params, setting
-from recon.schema import METRICS, Change, Need, Schema
+from recon.schema import APPENDED, METRICS, Change, Need, Schema
 
 Schemas: TypeAlias = dict[str, Schema]
 PlanFunction: TypeAlias = Callable[[Mapping[str, Schema], Any], Schemas]
@@ -194,6 +194,13 @@ class Analyzer(Stage):
     """Adds metrics, events and new streams; replaces none."""
 
     role: ClassVar[str] = "analyzer"
+
+    def faults(self) -> list[str]:
+        """As for every stage; also streams that it would replace."""
+        replaced = sorted(set(self.writes) & set(self.reads) - set(APPENDED))
+        return super().faults() + [
+            f"it writes '{name}', which it reads: an analyzer replaces none" for name in replaced
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)

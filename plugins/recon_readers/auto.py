@@ -14,6 +14,7 @@ from typing import Final
 
 from recon import (
     ConfigError,
+    ContractError,
     Metric,
     Params,
     PluginError,
@@ -73,10 +74,10 @@ def _stamped(reader: Reader, returned: Streams, params: Params) -> Streams:
     if reader.self_describing:
         return dict(returned)
     planned = reader.outputs({}, params)
-    return {
-        name: conform(table, planned[name], stream=name, step=reader.key) if name in planned else table
-        for name, table in returned.items()
-    }
+    undeclared = sorted(set(returned) - set(planned))
+    if undeclared:
+        raise ContractError(reader.key, f"it returned the stream '{undeclared[0]}', which it does not declare")
+    return {name: conform(table, planned[name], stream=name, step=reader.key) for name, table in returned.items()}
 
 
 def _ask(path: Path, registry: Registry) -> tuple[list[Opinion], list[str]]:
@@ -124,5 +125,5 @@ def declare_readers() -> Iterable[Reader]:
         params=Delegation,
         run=auto,
         self_describing=True,
-        writes={name: schema.open_ended() for name, schema in STREAMS.items()},
+        writes={name: schema.possible() for name, schema in STREAMS.items()},
     )

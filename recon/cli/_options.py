@@ -12,7 +12,7 @@ from recon.errors import ConfigError
 from recon.problems import Problem, Where, did_you_mean, one_of
 
 if TYPE_CHECKING:
-    from recon.pipeline import Override
+    from recon.overrides import Override
 
 Inputs: TypeAlias = Annotated[
     list[Path] | None, typer.Argument(metavar="INPUT", help="Log file or folder; several are one drive.")
@@ -30,7 +30,7 @@ AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def overrides_of(settings: Sequence[str] | None) -> list[Override]:
     """What `--set` asks for. Raises ConfigError with the problems of all of them."""
-    from recon.pipeline import Override
+    from recon.overrides import Override
 
     found: list[Override] = []
     problems: list[Problem] = []

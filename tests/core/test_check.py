@@ -5,8 +5,9 @@ from helpers import filter_of, imu_table, pipeline_of, problems_of, source_of
 
 from recon.check import check, with_exports
 from recon.errors import PluginBroken
+from recon.overrides import Override
 from recon.parameters import Params, quantity, setting
-from recon.pipeline import Override, Pipeline
+from recon.pipeline import Pipeline
 from recon.registry import Registry
 from recon.schema import ANY, EVENTS, GNSS, IMU, SAME, TRAJECTORY, Change, Column, Need
 from recon.stages import Delegation, Executor, Exporter, Reader

@@ -5,7 +5,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from recon.errors import ConfigError
-from recon.pipeline import Override, Pipeline, Step, find, shipped, with_overrides
+from recon.overrides import Override, with_overrides
+from recon.pipeline import Pipeline, Step, find, shipped
 from recon.problems import Where
 from recon.yaml_nodes import Node
 
