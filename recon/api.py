@@ -96,7 +96,7 @@ def run(
     pipeline : a shipped name, a file, or a Pipeline
     source : file or folder, several of them for one drive, or a Recording; None where the first step simulates
     out : folder for the result; None keeps it in memory
-    exports : exporters to run at the end; needs `out`
+    exports : names of exporters to run at the end; needs `out`
     store : "parquet" or "mcap"; by default what the pipeline says
     overrides : parameters by "STEP.NAME", quantities as text with a unit: **{"filter.moving_average.window": "50 ms"}
 
@@ -141,6 +141,7 @@ def execute(
         return Run(outcome.recording, manifests.make(plan, _paths(inputs), outcome, started=started))
     folder = Path(out)
     refuse_existing(folder, overwrite=overwrite)
+    _refuse_own_input(folder, _paths(inputs))
     finished = _run_into(folder, plan, inputs, registry, store or pipeline.store, overwrite, progress)
     for step in exporters:
         export_step(finished, step)
@@ -151,13 +152,21 @@ def _run_into(
     folder: Path, plan: Plan, inputs: Source, registry: Registry, store: str, overwrite: bool, progress: Progress
 ) -> Run:
     started = datetime.now(UTC)
-    outcome = run_pipeline(plan, inputs, registry, progress)
-    with staged_folder(folder, overwrite=overwrite) as scratch:
+    with staged_folder(folder, overwrite=overwrite) as scratch:  # first: a place that will not do is told at once
+        outcome = run_pipeline(plan, inputs, registry, progress)
         written = write_recording(outcome.recording, scratch, store)
         outputs = manifests.describe_outputs(scratch, written)
         made = manifests.make(plan, _paths(inputs), outcome, store=store, outputs=outputs, started=started)
         manifests.write(made, scratch)
     return Run(outcome.recording, made, folder)
+
+
+def _refuse_own_input(folder: Path, inputs: Sequence[Path]) -> None:
+    """Raises ConfigError where the result would take the place of what it is made from."""
+    for path in inputs:
+        if path.resolve().is_relative_to(folder.resolve()):
+            text = f"the input {path} lies in the output folder {folder}"
+            raise ConfigError([Problem(None, "output-is-input", text, "choose another place")])
 
 
 def open(folder: str | Path) -> Run:
@@ -190,14 +199,15 @@ def export(finished: Run, names: Iterable[str], registry: Registry | None = None
 
 
 def export_step(finished: Run, step: PlannedStep) -> list[Path]:
-    """Run one exporter into DIR/exports/<name>; the folder appears when it is complete."""
+    """Run one exporter into DIR/exports/<name>; the folder appears when it is complete, with a manifest of its own."""
     if finished.folder is None:
         raise DataError(f"{step.id} needs a run that is kept in a folder")
     target = finished.folder / "exports" / step.stage.name
     about = manifests.RunInfo(finished.folder.name, finished.manifest)
-    with staged_folder(target, overwrite=True, replaces_anything=True) as scratch:
-        made = [path.relative_to(scratch) for path in call_exporter(step, finished.recording, scratch, about)]
-    return [target / path for path in made]
+    with staged_folder(target, overwrite=True) as scratch:
+        written = call_exporter(step, finished.recording, scratch, about)
+        manifests.write_export(step, scratch, written)
+    return [target / path.relative_to(scratch) for path in written]
 
 
 def _source(source: Input) -> Source:
@@ -205,6 +215,8 @@ def _source(source: Input) -> Source:
         return []
     if isinstance(source, Recording):
         return source
+    if isinstance(source, pa.Table):
+        raise DataError("a table is no recording", "give Recording({'imu': table})")
     return [Path(source)] if isinstance(source, str | Path) else [Path(part) for part in source]
 
 

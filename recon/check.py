@@ -16,7 +16,7 @@ from recon.pipeline import Pipeline, Step
 from recon.plan import Plan, PlannedStep
 from recon.problems import Problem, Where, did_you_mean
 from recon.registry import Registry
-from recon.schema import APPENDED, Mismatch, Need, by_step, match, unnumbered
+from recon.schema import APPENDED, STREAM_NAME, STREAMS, Mismatch, Need, by_step, match, unnumbered
 from recon.stages import Delegation, Exporter, Reader, Schemas, Simulator, Stage, role_of
 from recon.yaml_nodes import Node
 
@@ -129,8 +129,8 @@ def _bind_delegation(stage: Stage, step: Step, registry: Registry) -> tuple[Para
         if role_of(name) != "reader":
             continue
         if name not in registry:
-            text = f"there is no stage '{name}'"
-            problems.append(Problem(step.params.where_of_key(name), "unknown-stage", text, registry.suggest(name)))
+            absent = registry.not_found(name)
+            problems.append(Problem(step.params.where_of_key(name), "unknown-stage", absent.message, absent.hint))
         elif not isinstance(node.value, Mapping):
             problems.append(Problem(node.where, "bad-value", f"{name} must be a mapping of its parameters"))
         else:
@@ -169,19 +169,32 @@ def _order_problems(steps: Sequence[Step], *, needs_source: bool) -> list[Proble
 
 
 def _port_problems(bound: Bound) -> list[Problem]:
-    """Names under `in` and `out` that are not ports of the stage."""
+    """Names under `in` and `out` that are not ports of the stage, and streams that `out` may not name."""
     known = {"in": list(bound.stage.reads), "out": [*bound.stage.writes, "metrics"]}
     named = {"in": bound.step.inputs, "out": bound.step.outputs}
-    node = bound.step.node
     found = []
     for key, ports in named.items():
-        for port in ports:
+        for port, stream in ports.items():
+            where = bound.step.node.at([key]).where_of_key(port) if bound.step.node else bound.step.where
             if port not in known[key] and not (key == "out" and bound.stage.plan is not None):
-                where = node.at([key]).where_of_key(port) if node else bound.step.where
                 hint = did_you_mean(port, known[key]) or f"it has {', '.join(known[key]) or 'none'}"
                 text = f"{bound.stage.key} has no port '{port}' under '{key}'"
                 found.append(Problem(where, "unknown-port", text, hint))
+            elif fault := _stream_fault(port, stream, list(ports.values())) if key == "out" else "":
+                found.append(Problem(where, "bad-stream", f"{bound.stage.key}: {fault}"))
     return found
+
+
+def _stream_fault(port: str, stream: str, streams: Sequence[str]) -> str:
+    """Why what a port returns may not be kept under that name; "" where it may."""
+    if not STREAM_NAME.fullmatch(stream):
+        return f"a stream cannot be called '{stream}': use lower-case letters, digits and _"
+    if streams.count(stream) > 1:
+        return f"two ports are kept as '{stream}'"
+    kind = unnumbered(stream)
+    if kind in STREAMS and STREAMS[kind] is not STREAMS.get(unnumbered(port)):
+        return f"{port} cannot be kept as '{stream}', the name of streams of another kind"
+    return ""
 
 
 def _lacks(need: Need, stream: str, streams: Schemas, *, whole: bool) -> list[Mismatch]:
@@ -199,7 +212,9 @@ def _outputs(bound: Bound, inputs: Schemas, *, served: bool) -> Schemas:
     """
     try:
         planned = bound.stage.outputs(inputs, bound.params)
-    except Exception as error:  # a plan is somebody else's code
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a plan is somebody else's code, and may even exit
         if served:
             text = f"{bound.stage.key} cannot be planned: {type(error).__name__}: {error}"
             raise PluginBroken(text, "tell its author") from error
@@ -241,7 +256,7 @@ def settled(plan: Plan, registry: Registry, streams: Schemas) -> tuple[Plan, lis
 def with_exports(pipeline: Pipeline, names: Iterable[str]) -> Pipeline:
     """The pipeline with exporters appended, as `--export NAME` asks for."""
     steps = list(pipeline.steps)
-    for name in names:
+    for name in [names] if isinstance(names, str) else names:
         use = name if role_of(name) == Exporter.role else f"{Exporter.role}.{name}"
         where = Where(f"--export {name}")
         steps.append(Step(use, use, Node.of({}, where), where))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 from recon.problems import Problem, Where, did_you_mean
 from recon.yaml_nodes import Node
+
+_NAME: Final = re.compile(r"\w[\w.-]*")
 
 
 def is_batch(root: Node) -> bool:
@@ -57,6 +61,13 @@ class Form:
             self.report(node.where, "bad-value", f"{key} must be text", "put it in quotes")
             return str(node.plain())
         return node.value
+
+    def name(self, node: Node | None, key: str) -> str:
+        """A text that serves as a name, also of a file; "" where there is none."""
+        text = self.text(node, key)
+        if node is not None and node.value is not None and not _NAME.fullmatch(text):
+            self.report(node.where, "bad-value", f"{key} is '{text}'", "use letters, digits, _, - and .")
+        return text
 
     def choice(self, node: Node | None, key: str, choices: Sequence[str]) -> str:
         """One of a few words, the first where there is none."""

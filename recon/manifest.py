@@ -19,9 +19,9 @@ from typing import Any, Final
 
 import recon
 from recon.errors import ReadFailed
-from recon.plan import Plan
+from recon.plan import Plan, PlannedStep
 from recon.runner import Outcome
-from recon.storage.atomic import MANIFEST, MARK
+from recon.storage.atomic import EXPORT_MANIFEST, MANIFEST, MARK
 
 NUMBER: Final = 1
 
@@ -107,6 +107,15 @@ def write(manifest: Mapping[str, Any], folder: Path) -> Path:
     """Write DIR/manifest.json."""
     path = folder / MANIFEST
     path.write_text(json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    return path
+
+
+def write_export(step: PlannedStep, folder: Path, written: Sequence[Path]) -> Path:
+    """Write the manifest of an export beside its files."""
+    made = {MARK: NUMBER, "recon": recon.__version__, "export": step.resolved()}
+    path = folder / EXPORT_MANIFEST
+    text = json.dumps({**made, "outputs": describe_outputs(folder, written)}, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
     return path
 
 

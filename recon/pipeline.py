@@ -165,7 +165,7 @@ def parse(root: Node) -> tuple[Pipeline, list[Problem]]:
     form.number_of_format(top.get("recon"), FORMAT)
     store = form.choice(top.get("store"), "store", STORES)
     steps = _steps(top.get("steps"), form)
-    name = form.text(top.get("name"), "name") or Path(root.where.file).stem
+    name = form.name(top.get("name"), "name") or Path(root.where.file).stem
     return Pipeline(name, steps, form.text(top.get("about"), "about"), store, root.where.file), form.problems
 
 
@@ -176,17 +176,13 @@ def _steps(node: Node | None, form: Form) -> tuple[Step, ...]:
         text = "steps must be a list with at least one step"
         form.report(node.where, "bad-value", text, "write '- use: reader.auto'")
         return ()
-    steps: list[Step] = []
-    for item in node.value:
-        step = _step(item, form)
-        if step is None:
-            continue
-        same = [other for other in steps if other.id == step.id]
-        if same:
-            notes = ((same[0].where, "the first is here"),)
+    steps = [step for item in node.value if (step := _step(item, form)) is not None]
+    first: dict[str, Step] = {}
+    for step in steps:
+        if first.setdefault(step.id, step) is not step:
+            notes = ((first[step.id].where, "the first is here"),)
             text = f"two steps are called '{step.id}'"
             form.problems.append(Problem(step.where, "duplicate-id", text, "give one of them an id of its own", notes))
-        steps.append(step)
     return tuple(steps)
 
 
@@ -207,7 +203,7 @@ def _step(item: Node, form: Form) -> Step | None:
         params = Node.of({}, params.where)
     return Step(
         use=use,
-        id=form.text(entries.get("id"), "id") or use,
+        id=form.name(entries.get("id"), "id") or use,
         params=params,
         where=entries["use"].where,
         inputs=_renames(entries.get("in"), "in", form),

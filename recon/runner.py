@@ -114,6 +114,8 @@ def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) 
 def _read(step: PlannedStep, path: Path, registry: Registry) -> Recording:
     if not path.exists():
         raise ReadFailed(path, "there is no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise ReadFailed(path, "this is a device or a pipe", hint="save what it gives to a file first")
     extra = {"registry": registry} if isinstance(step.stage, Reader) and step.stage.delegates else {}
     try:
         returned = _guarded(step, lambda: step.stage.run(path=path, params=step.params, **extra))
@@ -177,7 +179,9 @@ def _guarded(step: PlannedStep, work: Callable[[], Any]) -> Any:
         raise
     except MemoryError as error:
         raise StageError(step.id, "there is not enough memory") from error
-    except Exception as error:  # a stage is somebody else's code
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a stage is somebody else's code, and may even exit
         hint = f"this is a fault of {step.source or step.stage.key}; '-v' shows where"
         raise StageError(step.id, f"{type(error).__name__}: {error}", hint) from error
 
@@ -251,9 +255,8 @@ def _refuse(problems: Sequence[Problem], recording: Recording) -> None:
     if any(problem.code not in ("missing-input", "wrong-input") for problem in problems):
         raise ConfigError(problems)
     sources = ", ".join(recording.meta.get("sources", [])) or "the recording"
-    lines = [f"{sources} does not hold what the pipeline needs: {problems[0].text}"]
-    lines += [problem.text for problem in problems[1:]]
-    raise DataError("\n  ".join(lines), "'recon inspect' shows what is in it")
+    text = f"{sources} does not hold what the pipeline needs: {problems[0].text}"
+    raise DataError(text, "'recon inspect' shows what is in it")
 
 
 def _names(paths: Source) -> str:

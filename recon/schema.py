@@ -15,6 +15,7 @@ upwards), acceleration is the change of velocity (gravity removed).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -23,6 +24,7 @@ import pyarrow as pa
 
 SCHEMA_NUMBER: Final = 1
 ANY: Final = "*"
+STREAM_NAME: Final = re.compile(r"[a-z0-9][a-z0-9_]*")
 TIME_TYPE: Final = pa.timestamp("ns", tz="UTC")
 
 _AXES: Final = (("_x", "_y", "_z"), ("_e", "_n", "_u"), ("_roll", "_pitch", "_yaw"))

@@ -22,6 +22,7 @@ from recon.errors import ConfigError
 from recon.problems import Problem, Where
 
 MOST_LEVELS = 50
+MOST_BYTES = 4 * 2**20
 
 Scalar: TypeAlias = bool | int | float | str | None
 Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
@@ -86,6 +87,11 @@ def load_file(path: Path | str) -> Node:
     try:
         if Path(path).is_dir():
             raise ConfigError([Problem(here, "file-unreadable", "this is a folder, not a file")])
+        if Path(path).exists() and not Path(path).is_file():
+            raise ConfigError([Problem(here, "file-unreadable", "this is a device or a pipe, not a file")])
+        if Path(path).stat().st_size > MOST_BYTES:
+            text = f"this file is larger than {MOST_BYTES // 2**20} MiB"
+            raise ConfigError([Problem(here, "file-unreadable", text, "is it the right one?")])
         data = Path(path).read_bytes()
     except FileNotFoundError:
         raise ConfigError([Problem(here, "file-missing", "there is no such file")]) from None

@@ -11,7 +11,6 @@ Written and read with
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +19,7 @@ import pyarrow as pa
 from recon.errors import ConfigError, ReadFailed, StorageError
 from recon.problems import Problem, one_of
 from recon.recording import Recording
-from recon.schema import SCHEMA_NUMBER
+from recon.schema import SCHEMA_NUMBER, STREAM_NAME
 from recon.storage import mcap, parquet
 from recon.storage.atomic import refuse_existing, staged_file, staged_folder
 from recon.tables import with_meta
@@ -39,7 +38,6 @@ STORES: Final = ("parquet", "mcap")
 
 _FOLDER: Final = "streams"
 _FILE: Final = "streams.mcap"
-_NAME: Final = re.compile(r"[a-z0-9][a-z0-9_]*")
 
 
 def write_recording(recording: Recording, folder: Path, store: str = "parquet") -> list[Path]:
@@ -53,7 +51,7 @@ def write_recording(recording: Recording, folder: Path, store: str = "parquet") 
     if store not in STORES:
         raise ConfigError([Problem(None, "unknown-store", f"there is no store '{store}'", f"use {one_of(STORES)}")])
     for name in recording:
-        if not _NAME.fullmatch(name):
+        if not STREAM_NAME.fullmatch(name):
             raise StorageError(f"no stream can be kept as '{name}'", "use lower-case letters, digits and _")
     for place in (folder / _FOLDER, folder / _FILE):
         refuse_existing(place)

@@ -26,6 +26,7 @@ from recon.errors import ConfigError, StorageError
 from recon.problems import Problem
 
 MANIFEST: Final = "manifest.json"
+EXPORT_MANIFEST: Final = "export.json"
 MARK: Final = "recon_manifest"
 """Key of the manifest's JSON object by which a folder is known as a result of recon."""
 
@@ -33,54 +34,101 @@ _FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _FORBIDDEN: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
-def refuse_existing(final: Path, overwrite: bool = False, *, replaces_anything: bool = False) -> None:
+def refuse_existing(final: Path, overwrite: bool = False) -> None:
     """Make sure that a result may be put at `final`: to be asked before any work is done.
 
-    overwrite : an older result of recon (a folder with its manifest) and an empty folder may be replaced
-    replaces_anything : so may a folder with anything in it; for folders that lie inside a result
-    Raises ConfigError where something is there that may not.
+    overwrite : an empty folder, and one that holds nothing but files which a manifest of recon in it lists, may be
+        replaced
+    Raises ConfigError where something is there that may not, or where no folder can be.
     """
-    if not os.path.lexists(final):
+    if not _is_there(final):
         return
     if not overwrite:
         hint = "choose another place, or add --overwrite"
         raise ConfigError([Problem(None, "output-exists", f"{final} is there already", hint)])
-    if not final.is_dir() or not (replaces_anything or is_result(final) or not any(final.iterdir())):
-        hint = "it is not replaced, choose another place"
-        raise ConfigError([Problem(None, "output-foreign", f"{final} is no result of recon", hint)])
+    if Path.cwd().is_relative_to(final.resolve()):
+        hint = "choose another place"
+        raise ConfigError([Problem(None, "output-foreign", f"{final} is the folder that you are in", hint)])
+    strange = final if not final.is_dir() else foreign_file(final)
+    if strange is not None:
+        text = f"{final} is no result of recon" if strange == final else f"{strange} was not written by recon"
+        hint = "nothing is replaced: move it away, or choose another place"
+        raise ConfigError([Problem(None, "output-foreign", text, hint)])
+
+
+def _is_there(final: Path) -> bool:
+    """Is anything at that place? Raises ConfigError where nothing can be."""
+    try:
+        os.lstat(final)
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError) as error:  # ValueError: a path that holds a NUL
+        reason = os.strerror(error.errno).lower() if isinstance(error, OSError) and error.errno else str(error)
+        text = f"there cannot be a folder {_shortened(str(final))}: {reason}"
+        raise ConfigError([Problem(None, "output-impossible", text, "choose another place")]) from error
+    return True
+
+
+def _shortened(text: str, most: int = 120) -> str:
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def is_result(folder: Path) -> bool:
-    """Is it a folder with a manifest of recon?"""
+    """Is it the folder of a finished run?"""
+    return bool(_listed(folder / MANIFEST))
+
+
+def foreign_file(folder: Path) -> Path | None:
+    """A file below the folder that none of recon's manifests in it lists; None where there is none."""
+    known: set[Path] = set()
+    for manifest in (folder / MANIFEST, *folder.rglob(EXPORT_MANIFEST)):
+        known |= {manifest.parent / name for name in _listed(manifest)}
+    return next((path for path in sorted(folder.rglob("*")) if not _is_folder(path) and path not in known), None)
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
+
+
+def _listed(manifest: Path) -> list[str]:
+    """Names of the files that a manifest lists, relative to its folder; empty where it is none of recon's."""
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(manifest, dict) and MARK in manifest
+        content = json.loads(manifest.read_text(encoding="utf-8"))
+        if MARK not in content:
+            return []
+        return [manifest.name, *(str(output["file"]) for output in content["outputs"])]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 @contextmanager
-def staged_folder(final: Path, *, overwrite: bool = False, replaces_anything: bool = False) -> Iterator[Path]:
+def staged_folder(final: Path, *, overwrite: bool = False) -> Iterator[Path]:
     """A new, empty folder that takes the place of `final` when the block ends without an error.
 
     On any error, KeyboardInterrupt included, the new folder is removed and what was at `final` stays. What may be
     replaced, `refuse_existing` says.
     Raises ConfigError as `refuse_existing`, StorageError for an OSError in the block.
     """
-    refuse_existing(final, overwrite, replaces_anything=replaces_anything)
+    refuse_existing(final, overwrite)
     place = Path(os.path.realpath(final))
     partial = _beside(place, "partial")
-    with storage_errors(final):
-        try:
+    missing = [folder for folder in place.parents if not folder.exists()]
+    try:
+        with storage_errors(final):
             partial.mkdir(parents=True)
             yield partial
             for path in sorted(partial.rglob("*")):
                 _sync(path)
-            refuse_existing(final, overwrite, replaces_anything=replaces_anything)
+            refuse_existing(final, overwrite)
             _swap(partial, place)
-        except BaseException:
-            shutil.rmtree(partial, ignore_errors=True)
-            raise
+    except BaseException as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
+        if isinstance(error, StorageError):
+            error.message = error.message.replace(str(partial), str(final))
+        raise
 
 
 @contextmanager
@@ -134,7 +182,7 @@ def _free_space(target: Path) -> str:
 
 
 def _beside(place: Path, what: str) -> Path:
-    return place.with_name(f".{place.name}.{what}-{secrets.token_hex(4)}")
+    return place.with_name(f".{place.name[:100]}.{what}-{secrets.token_hex(4)}")
 
 
 def _sync(path: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
@@ -209,3 +210,37 @@ def test_every_public_name_is_there_and_imported_on_first_use():
 def test_a_name_that_is_not_public_is_an_attribute_error():
     with pytest.raises(AttributeError, match="module 'recon' has no attribute 'rum'"):
         _ = recon.rum
+
+
+def test_a_result_never_takes_the_place_of_what_it_is_made_from(log, tmp_path):
+    raw = follow_run(log, tmp_path / "raw").folder
+    for source, out in ((raw, raw), (raw / "streams" / "trajectory.parquet", raw)):
+        with pytest.raises(ConfigError, match="lies in the output folder"):
+            follow_run(source, out, overwrite=True)
+    assert recon.open(raw).manifest
+
+
+def test_an_export_has_a_manifest_that_lists_its_files(log, tmp_path):
+    finished = follow_run(log, tmp_path / "run", exports="lines")
+    (listed,) = json.loads((finished.folder / "exports" / "lines" / "export.json").read_text())["outputs"]
+    assert (finished.folder / "exports" / "lines" / listed["file"]).stat().st_size == listed["bytes"]
+
+
+def test_an_export_does_not_replace_files_of_somebody_else(log, tmp_path):
+    finished = follow_run(log, tmp_path / "run", exports=["lines"])
+    mine = finished.folder / "exports" / "lines" / "mine.txt"
+    mine.touch()
+    with pytest.raises(ConfigError, match=r"mine\.txt was not written by recon"):
+        follow_run(log, finished.folder, exports=["lines"], overwrite=True)
+    assert mine.exists()
+
+
+def test_an_older_result_with_its_exports_may_be_replaced(log, tmp_path):
+    first = follow_run(log, tmp_path / "run", exports=["lines"])
+    again = follow_run(log, first.folder, overwrite=True)
+    assert not (again.folder / "exports").exists()
+
+
+def test_a_table_in_place_of_a_recording_is_told_so():
+    with pytest.raises(DataError, match="a table is no recording"):
+        follow_run(gnss_table())

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from helpers import filter_of, imu_table, pipeline_of, problems_of, source_of
+from helpers import filter_of, gnss_table, imu_table, pipeline_of, problems_of, source_of
 
 from recon.check import check, with_exports
 from recon.errors import PluginBroken
@@ -269,3 +269,34 @@ def test_a_plan_function_that_breaks_is_a_broken_plugin():
 
 def test_needs_of_any_frame_take_every_frame():
     assert all(column.frame == ANY for column in IMU.need("accel").columns)
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (
+            "{imu: ../../evil}",
+            "filter.both: a stream cannot be called '../../evil': use lower-case letters, digits and _",
+        ),
+        ("{imu: IMU}", "filter.both: a stream cannot be called 'IMU': use lower-case letters, digits and _"),
+        ("{imu: x, gnss: x}", "filter.both: two ports are kept as 'x'"),
+        ("{imu: gnss}", "filter.both: imu cannot be kept as 'gnss', the name of streams of another kind"),
+        ("{imu: metrics}", "filter.both: imu cannot be kept as 'metrics', the name of streams of another kind"),
+    ],
+)
+def test_a_stream_is_kept_under_a_name_of_its_kind(out, message):
+    both = filter_of(
+        lambda *, imu, gnss, params: {"imu": imu, "gnss": gnss},
+        "both",
+        reads={"imu": IMU.need("accel"), "gnss": GNSS.need("speed")},
+        writes={"imu": SAME, "gnss": SAME},
+    )
+    source = source_of({"imu": imu_table(), "gnss": gnss_table()})
+    problems = problems_of(pipeline_of("use: simulator.made", f"{{use: filter.both, out: {out}}}"), source, both)
+    assert message in [problem.text for problem in problems]
+
+
+def test_a_further_sensor_may_be_kept_beside_the_first():
+    same = filter_of(lambda *, imu, params: {"imu": imu}, writes={"imu": SAME})
+    steps = pipeline_of("use: simulator.made", "{use: filter.work, out: {imu: imu_2}}")
+    assert problems_of(steps, source_of({"imu": imu_table()}), same) == []

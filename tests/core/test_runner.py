@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import os
 import pickle
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -256,11 +258,17 @@ def test_a_data_error_names_the_step_and_keeps_its_kind_and_facts():
     assert (str(again), again.needed) == (str(caught.value), "2 s")
 
 
-@pytest.mark.parametrize("interruption", [KeyboardInterrupt(), SystemExit(3)])
-def test_an_interruption_passes_through(interruption):
-    with pytest.raises(type(interruption)) as caught:
+def test_an_interruption_passes_through():
+    interruption = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt) as caught:
         run_steps(TWO, MADE, raising(interruption))
     assert caught.value is interruption
+
+
+@pytest.mark.parametrize("exit", [SystemExit(0), GeneratorExit()])
+def test_a_stage_that_exits_ends_its_step_and_not_the_program(exit):
+    with pytest.raises(StageError, match=type(exit).__name__):
+        run_steps(TWO, MADE, raising(exit))
 
 
 # --- sources --------------------------------------------------------------------------------------------------------
@@ -428,3 +436,10 @@ def test_stages_may_return_plain_arrow_tables():
     bare = pa.table({name: imu_table()[name] for name in imu_table().column_names})
     outcome = run_work(lambda *, imu, params: {"imu": bare})
     assert schema_of(outcome.recording["imu"]) == schema_of(imu_table())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ReadFailed, match="this is a device or a pipe"):
+        run_steps(pipeline_of("use: reader.log"), text_reader(), source=[tmp_path / "pipe"])

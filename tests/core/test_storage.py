@@ -291,7 +291,7 @@ def names_in(folder: Path) -> list[str]:
 
 def make_result(folder: Path) -> None:
     folder.mkdir()
-    (folder / MANIFEST).write_text(json.dumps({MARK: 1}))
+    (folder / MANIFEST).write_text(json.dumps({MARK: 1, "outputs": [{"file": "old"}]}))
     (folder / "old").touch()
 
 
@@ -351,19 +351,33 @@ def test_what_is_no_result_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / MANIFEST).write_text('{"name": "a web page"}')
-    for name in ("home", "file", "other"):
-        with pytest.raises(ConfigError, match="no result of recon"):
+    for name, strange in (("home", "thesis.tex was not"), ("file", "no result"), ("other", f"{MANIFEST} was not")):
+        with pytest.raises(ConfigError, match=strange):
             refuse_existing(tmp_path / name, overwrite=True)
-    with pytest.raises(ConfigError):
-        refuse_existing(tmp_path / "file", overwrite=True, replaces_anything=True)
 
 
-def test_a_folder_inside_a_result_may_be_replaced_whatever_it_holds(tmp_path: Path) -> None:
-    (tmp_path / "csv").mkdir()
-    (tmp_path / "csv" / "imu.csv").touch()
-    with staged_folder(tmp_path / "csv", overwrite=True, replaces_anything=True) as folder:
-        (folder / "gnss.csv").touch()
-    assert names_in(tmp_path / "csv") == ["gnss.csv"]
+def test_a_result_that_holds_a_file_of_somebody_else_is_never_replaced(tmp_path: Path) -> None:
+    make_result(tmp_path / "run")
+    (tmp_path / "run" / "exports" / "csv").mkdir(parents=True)
+    (tmp_path / "run" / "exports" / "csv" / "notes.txt").touch()
+    with pytest.raises(ConfigError, match=r"notes\.txt was not written by recon"):
+        refuse_existing(tmp_path / "run", overwrite=True)
+
+
+def test_the_folder_in_which_the_user_stands_is_never_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_result(tmp_path / "run")
+    (tmp_path / "run" / "deep").mkdir()
+    monkeypatch.chdir(tmp_path / "run" / "deep")
+    for name in (".", "..", str(tmp_path / "run")):
+        with pytest.raises(ConfigError, match="folder that you are in"):
+            refuse_existing(Path(name), overwrite=True)
+
+
+@pytest.mark.parametrize("name", ["file/run", "x" * 300, "a\0b"])
+def test_a_place_where_no_folder_can_be_is_refused_before_any_work(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="there cannot be a folder"):
+        refuse_existing(tmp_path / name)
 
 
 def test_a_result_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
@@ -453,12 +467,6 @@ def test_a_file_that_may_not_grow_leaves_nothing_behind(tmp_path: Path, store: s
     assert done.returncode == 8, done.stderr
     assert "could not be written: file too large" in done.stdout
     assert not any(tmp_path.rglob("*streams*"))
-
-
-def test_a_parent_that_is_a_file_gives_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(StorageError, match=r"run could not be written: "), staged_folder(tmp_path / "file" / "run"):
-        pytest.fail("the folder cannot exist")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which not even root may write: /sys of Linux")

@@ -3,6 +3,7 @@ import pickle
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from recon.errors import ConfigError
 from recon.problems import Where
-from recon.yaml_nodes import MOST_LEVELS, Node, load, load_file
+from recon.yaml_nodes import MOST_BYTES, MOST_LEVELS, Node, load, load_file
 
 PIPELINE = """\
 recon: 1
@@ -314,3 +315,16 @@ def test_importing_loads_nothing_heavy():
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
     assert "recon.yaml_nodes" in loaded
     assert not {"numpy", "pyarrow", "pydantic", "rich", "scipy"} & set(loaded)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no device files")
+def test_a_device_is_refused_rather_than_read_for_ever() -> None:
+    with pytest.raises(ConfigError, match="a device or a pipe"):
+        load_file(Path("/dev/zero"))
+
+
+def test_a_file_that_no_person_wrote_is_refused_by_its_size(tmp_path: Path) -> None:
+    with (tmp_path / "big.yaml").open("wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    with pytest.raises(ConfigError, match="larger than 4 MiB"):
+        load_file(tmp_path / "big.yaml")
