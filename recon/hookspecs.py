@@ -81,7 +81,7 @@ def declare_simulators() -> Iterable[Simulator]:
 
 @hookspec
 def declare_filters() -> Iterable[Filter]:
-    """Filters return a stream that they read: fewer rows or other values, never other times.
+    """Filters return a stream that they read: fewer rows, other values, other times only with `resamples`.
 
     from recon import IMU, SAME, Filter, Params, hookimpl, matrix, quantity, replace
 

@@ -92,6 +92,12 @@ class Stage:
             return [*found, "params must be a subclass of recon.Params"]
         if not self.summary.strip():
             found.append("the summary is empty")
+        found += [f"reads['{name}'] is no Need" for name, need in self.reads.items() if not isinstance(need, Need)]
+        found += [
+            f"writes['{name}'] is neither a Schema nor a Change"
+            for name, effect in self.writes.items()
+            if not isinstance(effect, Schema | Change)
+        ]
         changed = [name for name, effect in self.writes.items() if isinstance(effect, Change)]
         found += [
             f"it changes the stream '{name}', which it does not read"
@@ -127,6 +133,8 @@ class Reader(Stage):
     """Reads one file or folder; what depends on the file is optional in `writes`.
 
     sniff : (path, the first 64 KiB, b"" for a folder) -> Sniff; None for a reader that must be named
+    propose : (paths of a drive that no reader knows) -> YAML from which the user can start, with comments that say how
+        to use it; None where there is nothing to propose
     self_describing : its tables carry units, frames and quantities themselves, as files of our own do; streams and
         columns beyond `writes` are taken as they are
     params : a subclass of Delegation for a reader that hands over to others; its function also takes `registry`
@@ -136,6 +144,7 @@ class Reader(Stage):
     given: ClassVar[tuple[str, ...]] = ("path", "params")
 
     sniff: Callable[..., Sniff] | None = None
+    propose: Callable[..., str | None] | None = None
     self_describing: bool = False
 
     @property
@@ -149,16 +158,31 @@ class Reader(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Simulator(Stage):
-    """Makes a recording from parameters and a seed alone."""
+    """Makes a recording from parameters and a seed alone.
+
+    ideal : parameters, in SI, with which its imu and gnss measure what its `reference` holds, without error; empty
+        where it is not held to that
+    """
 
     role: ClassVar[str] = "simulator"
+
+    ideal: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Filter(Stage):
-    """Gives streams of the same name, cleaned or completed."""
+    """Gives streams of the same name, cleaned or completed.
+
+    linear : scaling the vectors and scalars that it changes scales its result
+    unit_gain : what is constant passes unchanged
+    resamples : it may return rows at times that it was not given
+    """
 
     role: ClassVar[str] = "filter"
+
+    linear: bool = False
+    unit_gain: bool = False
+    resamples: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,30 +194,52 @@ class Detector(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Aligner(Stage):
-    """Turns or shifts streams into another frame or clock."""
+    """Turns or shifts streams into another frame or clock.
+
+    rotation : it turns vectors and does nothing else to them
+    """
 
     role: ClassVar[str] = "aligner"
+
+    rotation: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Integrator(Stage):
-    """Integrates rates to attitude, or accelerations to motion."""
+    """Integrates rates to attitude, or accelerations to motion.
+
+    order : its error on a smooth motion falls with this power of the step; 0 where none is claimed
+    """
 
     role: ClassVar[str] = "integrator"
+
+    order: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fuser(Stage):
-    """Combines several sensors to one trajectory."""
+    """Combines several sensors to one trajectory.
+
+    budget : m, root mean square of the horizontal error that it stays below on the drives of `recon.testing`, whose
+        GNSS positions err by 1 m on each axis; None where none is claimed
+    """
 
     role: ClassVar[str] = "fuser"
+
+    budget: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Analyzer(Stage):
-    """Adds metrics, events and new streams; replaces none."""
+    """Adds metrics, events, residuals and new streams; replaces none.
+
+    compares : two of the streams that it reads, whose difference its metrics named *_error measure; they are zero
+        where the two are the same; None where it compares nothing
+    """
 
     role: ClassVar[str] = "analyzer"
+
+    compares: tuple[str, str] | None = None
 
     def faults(self) -> list[str]:
         """As for every stage; also streams that it would replace."""

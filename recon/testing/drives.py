@@ -1,0 +1,268 @@
+"""Drives with truth, as the laws need them: every canonical stream, in the frame that a stage asks for.
+
+The sensors are those of a modest box. `trajectory` is the truth with an error that grows as that of a box alone does;
+`reference` is the truth. Everything follows from a seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.numerics.geodesy import Anchor, enu_to_geodetic, normal_gravity
+from recon.numerics.motion import Drive, MotionTruth, specific_force
+from recon.numerics.rotation import Floats, conjugate, from_euler, heading_from_yaw, multiply, rotate
+from recon.numerics.signals import runs
+from recon.recording import Recording
+from recon.rows import Event, Metric, events, metrics
+from recon.schema import (
+    ANY,
+    APPENDED,
+    ATTITUDE,
+    BARO,
+    FRAMES,
+    GNSS,
+    IMU,
+    MAG,
+    RESIDUALS,
+    STREAMS,
+    TRAJECTORY,
+    WHEEL,
+    Change,
+    Need,
+    by_step,
+    group_of,
+    spread,
+)
+from recon.tables import build, conform, matrix, replace, time_ns, with_meta
+from recon.testing.motions import ROAD, RollingCircle
+
+START_NS: Final = 1_700_000_000_000_000_000
+ANCHOR: Final = Anchor(44.4949, 11.3426, 54.0)
+GRAVITY: Final = float(normal_gravity(ANCHOR.lat, ANCHOR.height))
+"""m/s^2, everywhere."""
+MOUNT_YAW: Final = 0.3
+MOUNTING: Final = from_euler(MOUNT_YAW, -0.05, 0.04)
+"""Sensor to vehicle, scalar first: the box is turned by 17 deg and not level."""
+FIELD_N: Final = np.array([0.0, 22e-6, -42e-6])
+"""Magnetic flux density in T, local East-North-Up: pointing north and down."""
+
+_CLOCK: Final = {"time_scale": "UTC", "clock": "absolute"}
+_PLACED: Final = {
+    **_CLOCK,
+    "anchor": {"lat": ANCHOR.lat, "lon": ANCHOR.lon, "height": ANCHOR.height},
+    "earth": "wgs84",
+    "height_datum": "ellipsoid",
+    "heading_kind": "course_true",
+}
+ACCEL_BIAS_S: Final = (0.03, -0.02, 0.04)
+"""m/s^2, sensor."""
+DRIFT: Final = 0.02
+"""m/s^2, sigma on each axis of the acceleration by which `trajectory` errs."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What drives, and how it is seen.
+
+    noise : factor on the noise and bias of all sensors and on the drift of trajectory, 0 for ideal ones
+    yaw : rad, turn of the drive and of its errors about the vertical; shift_n : (3,) m, move of the whole drive
+    late_ns : shift of all times
+    motion, step_s : what is driven; s between two samples of the imu
+    """
+
+    seed: int = 1
+    noise: float = 1.0
+    yaw: float = 0.0
+    shift_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    late_ns: int = 0
+    motion: Drive | RollingCircle = ROAD
+    step_s: float = 0.01
+
+    @property
+    def turn(self) -> Floats:
+        """The rotation by `yaw`: (4,)."""
+        return from_euler(self.yaw, 0.0, 0.0)
+
+    def truth(self, step_s: float) -> MotionTruth:
+        """The motion, turned and moved, every `step_s`."""
+        seen = self.motion.at(np.arange(0.0, self.motion.duration_s, step_s))
+        pos_n, vel_n, acc_n = (rotate(self.turn, vector) for vector in (seen.pos_n, seen.vel_n, seen.acc_n))
+        pos_n = pos_n + np.asarray(self.shift_n)
+        return MotionTruth(seen.t_s, pos_n, vel_n, acc_n, multiply(self.turn, seen.q_nv), seen.gyro_v)
+
+
+USUAL: Final = Conditions()
+
+
+@lru_cache(maxsize=16)
+def drive(conditions: Conditions = USUAL) -> Recording:
+    """The drive with all canonical streams, imu and mag in the sensor frame; `reference` is the truth."""
+    rng = np.random.default_rng(conditions.seed)
+    streams = {
+        **_inertial(conditions, rng),
+        **_satellite(conditions, rng),
+        **_others(conditions, rng),
+        "events": _events(conditions),
+        "metrics": metrics([Metric("earlier", 1.0, "m", note="of a step above")]),
+    }
+    kept = {name: _with_step(name, table) if name in APPENDED else table for name, table in streams.items()}
+    return Recording(kept, {"sources": ["simulated"]})
+
+
+def serve(recording: Recording, reads: Mapping[str, Need]) -> dict[str, pa.Table]:
+    """The streams that are read, turned into the frames and quantities that are asked for, by port."""
+    return {port: _as_needed(recording, port, need) for port, need in reads.items() if port in recording}
+
+
+def _as_needed(recording: Recording, stream: str, need: Need) -> pa.Table:
+    table = recording[stream]
+    frames = {group_of(c.name): c.frame for c in need.columns if c.frame not in (ANY, "")}
+    quantities = {group_of(c.name): c.quantity for c in need.columns if c.quantity != ANY}
+    if stream in ("imu", "mag"):
+        table = _turned(table, recording, frames, quantities)
+    planned = Change(frames, quantities).apply(STREAMS[stream]) if stream in STREAMS else None
+    return table if planned is None or stream in APPENDED else conform(table, planned, stream=stream, step="drive")
+
+
+def _turned(
+    table: pa.Table, recording: Recording, frames: Mapping[str, str], quantities: Mapping[str, str]
+) -> pa.Table:
+    """Vectors in the frames asked for, and without gravity where acceleration is asked for, by the truth."""
+    rows = np.searchsorted(time_ns(recording["attitude"]), time_ns(table))
+    q_nv = matrix(recording["attitude"], "q")[rows]
+    from_vehicle = {
+        "sensor": conjugate(MOUNTING),
+        "level": from_euler(-MOUNT_YAW, 0.0, 0.0),
+        "vehicle": from_euler(0.0, 0.0, 0.0),
+        "local": q_nv,
+    }
+    for group in ("accel", "gyro", "mag"):
+        if not spread(group, table.column_names):
+            continue
+        values_v = rotate(MOUNTING, matrix(table, group))
+        if group == "accel" and quantities.get("accel") == "acceleration":
+            values_v = values_v - rotate(conjugate(q_nv), np.array([0.0, 0.0, GRAVITY]))
+        table = replace(table, **{group: rotate(from_vehicle[frames.get(group, "sensor")], values_v)})
+    return table
+
+
+def _inertial(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
+    """imu in the sensor frame; attitude and reference, both the truth; trajectory, which drifts from it."""
+    truth = conditions.truth(conditions.step_s)
+    rows, noise = len(truth.t_s), conditions.noise
+    accel_s = rotate(conjugate(MOUNTING), specific_force(truth, GRAVITY))
+    gyro_s = rotate(conjugate(MOUNTING), truth.gyro_v)
+    accel_s += noise * (np.array(ACCEL_BIAS_S) + 0.02 * rng.standard_normal((rows, 3)))
+    gyro_s += noise * (np.array([0.002, -0.001, 0.0015]) + 0.001 * rng.standard_normal((rows, 3)))
+    drift_n = noise * DRIFT * rotate(conditions.turn, rng.standard_normal(3))
+    time = _times(truth.t_s, conditions)
+    return {
+        "imu": with_meta(build(IMU, time=time, accel=accel_s, gyro=gyro_s), **_CLOCK),
+        "attitude": with_meta(build(ATTITUDE, time=time, q=truth.q_nv), **_CLOCK),
+        "trajectory": _trajectory(time, truth, drift_n),
+        "reference": _trajectory(time, truth, np.zeros(3)),
+    }
+
+
+def _trajectory(time: NDArray[np.int64], truth: MotionTruth, drift_n: Floats) -> pa.Table:
+    """The truth, its position and velocity in error by a constant acceleration: (3,) m/s^2, local."""
+    t_s = truth.t_s[:, None]
+    pos_n = truth.pos_n + t_s**2 / 2.0 * drift_n
+    lat, lon, height = enu_to_geodetic(pos_n, ANCHOR)
+    table = build(
+        TRAJECTORY,
+        time=time,
+        pos=pos_n,
+        vel=truth.vel_n + t_s * drift_n,
+        q=truth.q_nv,
+        lat=lat,
+        lon=lon,
+        height=height,
+        accel=rotate(conjugate(truth.q_nv), truth.acc_n),
+        gyro=truth.gyro_v,
+    )
+    return with_meta(table, **_PLACED)
+
+
+def _satellite(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
+    """gnss at 5 Hz with positions both in degrees and in local metres, and residuals made of its noise."""
+    truth = conditions.truth(0.2)
+    rows, noise = len(truth.t_s), conditions.noise
+    error_n = noise * rotate(conditions.turn, rng.standard_normal((rows, 3)))
+    pos_n = truth.pos_n + error_n
+    vel_n = truth.vel_n + 0.05 * noise * rotate(conditions.turn, rng.standard_normal((rows, 3)))
+    lat, lon, height = enu_to_geodetic(pos_n, ANCHOR)
+    time = _times(truth.t_s, conditions)
+    gnss = build(
+        GNSS,
+        time=time,
+        lat=lat,
+        lon=lon,
+        height=height,
+        speed=np.hypot(vel_n[:, 0], vel_n[:, 1]),
+        course=heading_from_yaw(np.arctan2(vel_n[:, 1], vel_n[:, 0])),
+        vel=vel_n,
+        pos_std=np.full((rows, 3), max(noise, 0.01)),
+        vel_std=np.full((rows, 3), max(0.05 * noise, 0.001)),
+        fix=np.full(rows, 3, dtype=np.int32),
+        satellites=np.full(rows, 12, dtype=np.int32),
+        pos=pos_n,
+        acc=truth.acc_n,
+    )
+    residuals = build(
+        RESIDUALS,
+        time=time,
+        sensor=pa.array(["gnss"] * rows),
+        component=pa.array(["pos_e"] * rows),
+        value=error_n[:, 0],
+        sigma=np.full(rows, 1.0),
+        weight=np.full(rows, 1.0),
+        accepted=pa.array([True] * rows),
+    )
+    return {"gnss": with_meta(gnss, **_PLACED), "residuals": with_meta(residuals, **_CLOCK)}
+
+
+def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
+    """mag, baro, wheel and frames at 10 Hz."""
+    truth = conditions.truth(0.1)
+    rows, noise = len(truth.t_s), conditions.noise
+    time = _times(truth.t_s, conditions)
+    field_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), FIELD_N)
+    height = ANCHOR.height + truth.pos_n[:, 2]
+    pressure = 101_325.0 * (1.0 - 2.25577e-5 * height) ** 5.25588
+    streams = {
+        "mag": build(MAG, time=time, mag=field_s + 3e-7 * noise * rng.standard_normal((rows, 3))),
+        "baro": build(BARO, time=time, pressure=pressure + 3.0 * noise * rng.standard_normal(rows)),
+        "wheel": build(WHEEL, time=time, speed=np.linalg.norm(truth.vel_n, axis=1)),
+        "frames": build(
+            FRAMES,
+            time=time,
+            index=np.arange(rows),
+            file=pa.array([f"{index:06d}.jpg" for index in range(rows)]),
+        ),
+    }
+    return {name: with_meta(table, **_CLOCK) for name, table in streams.items()}
+
+
+def _events(conditions: Conditions) -> pa.Table:
+    """The standstills, by the truth."""
+    truth = conditions.truth(0.01)
+    still = runs(np.linalg.norm(truth.vel_n, axis=1) == 0.0)
+    times = _times(truth.t_s, conditions)
+    return events([Event(int(times[a]), int(times[b - 1]), "standstill") for a, b in still if b - a > 100])
+
+
+def _times(t_s: Floats, conditions: Conditions) -> NDArray[np.int64]:
+    return START_NS + conditions.late_ns + np.round(t_s * 1e9).astype(np.int64)
+
+
+def _with_step(stream: str, table: pa.Table) -> pa.Table:
+    columns = {name: table[name] for name in table.column_names}
+    return build(by_step(stream), step=pa.array(["above"] * table.num_rows), **columns)

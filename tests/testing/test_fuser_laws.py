@@ -1,0 +1,125 @@
+"""Every law of fusers fails for a fuser that is wrong in that one way."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from broken_laws import broken
+
+from recon import GNSS, SAME, TRAJECTORY, Fuser, matrix, replace, time_ns
+from recon.numerics.rotation import from_rotvec, multiply
+from recon.testing.laws import fusers
+
+SIGMA = 0.8
+"""m. On the line between two fixes of sigma 1 m the mean square is the mean of (1 - s)^2 + s^2, 2/3: sigma 0.82 m."""
+
+
+def follow(trajectory, gnss):
+    """(n, 3) m, GNSS by straight lines at the times of the trajectory."""
+    pos = matrix(gnss, "pos")
+    return np.column_stack([np.interp(time_ns(trajectory), time_ns(gnss), pos[:, axis]) for axis in range(3)])
+
+
+def fuser_of(place=follow, sigma=None, **declared):
+    """A fuser whose position a function makes, with a constant sigma where one is given."""
+
+    def fuse(*, trajectory, gnss, params):
+        fused = replace(trajectory, pos=place(trajectory, gnss))
+        known = {} if sigma is None else {"pos_std": np.full((trajectory.num_rows, 3), sigma)}
+        return {"trajectory": replace(fused, **known)}
+
+    return Fuser(
+        name="follow",
+        summary="Position from GNSS.",
+        run=fuse,
+        reads={"trajectory": TRAJECTORY.need("pos", "vel"), "gnss": GNSS.need("pos")},
+        writes={"trajectory": SAME},
+        **declared,
+    )
+
+
+def test_a_fuser_that_is_what_it_declares_breaks_no_law():
+    assert broken(fusers, fuser_of(sigma=SIGMA, budget=1.5)) == {}
+
+
+def test_a_fuser_may_leave_the_velocity_unknown_but_not_the_position():
+    def without(group):
+        def fuse(*, trajectory, gnss, params):
+            return {"trajectory": replace(trajectory, **{group: np.full((trajectory.num_rows, 3), np.nan)})}
+
+        return dataclasses.replace(fuser_of(budget=50.0), run=fuse)
+
+    assert broken(fusers, without("vel")) == {}
+    assert {*broken(fusers, without("pos")).values()} == {"a fuser must return 'trajectory' with positions"}
+
+
+def test_an_axis_treated_otherwise_breaks_the_law_of_yaw():
+    def east_alone(trajectory, gnss):
+        return np.column_stack([follow(trajectory, gnss)[:, 0], matrix(trajectory, "pos")[:, 1:]])
+
+    ((name, message),) = broken(fusers, fuser_of(east_alone)).items()
+    assert name == "yawing_the_world_yaws_the_answer"
+    assert message.startswith("a world turned by 2 rad gave another pos by up to ")
+
+
+def test_distances_from_the_origin_break_the_law_of_the_origin():
+    ((name, message),) = broken(fusers, fuser_of(lambda *tables: 1.001 * follow(*tables))).items()
+    assert name == "moving_the_origin_moves_the_answer"
+    # A thousandth of 300 m.
+    assert message == "a world moved by (300.0, -200.0, 2.0) m gave another pos by up to 0.3 m or m/s"
+
+
+def test_a_negative_sigma_breaks_the_law_of_sigmas():
+    assert broken(fusers, fuser_of(sigma=-SIGMA)) == {
+        "sigmas_are_positive": "trajectory.pos_std_e is -0.8 in one of 6550 rows; where sigma is unknown, give null"
+    }
+
+
+@pytest.mark.parametrize("sigma", [0.2, 8.0])
+def test_a_sigma_that_is_wrong_breaks_the_law_of_honesty(sigma):
+    ((name, message),) = broken(fusers, fuser_of(sigma=sigma)).items()
+    assert name == "the_error_is_as_large_as_its_sigma_says"
+    told = re.fullmatch(r"the error of pos_e is (.+) times its sigma over 10 drives, where (.+) is what .+", message)
+    # 3280 fixes tell the root mean square to 1 / sqrt(2 * 3280) = 1.2 %; four times that.
+    assert told[2] == "0.23 to 2.03"
+    assert float(told[1]) == pytest.approx(np.sqrt(2.0 / 3.0) / sigma, rel=0.05, abs=0.005)
+
+
+@pytest.mark.parametrize(("att_sigma", "laws"), [(0.01, []), (0.001, ["the_error_is_as_large_as_its_sigma_says"])])
+def test_the_sigma_of_the_attitude_is_held_to_honesty_as_well(att_sigma, laws):
+    def fuse(*, trajectory, params):
+        shake = 0.01 * np.random.default_rng(7).standard_normal((trajectory.num_rows, 3))
+        shaken = multiply(
+            matrix(trajectory, "q"), from_rotvec(shake)
+        )  # on a flat road the axes are those of the angles
+        known = np.full((trajectory.num_rows, 3), att_sigma)
+        return {"trajectory": replace(trajectory, q=shaken, att_std=known)}
+
+    shaking = Fuser(
+        name="shake",
+        summary="Attitude with an error.",
+        run=fuse,
+        reads={"trajectory": TRAJECTORY.need("q")},
+        writes={"trajectory": SAME},
+    )
+    assert [*broken(fusers, shaking)] == laws
+
+
+def test_a_zero_sigma_is_neither_positive_nor_honest():
+    assert [*broken(fusers, fuser_of(sigma=0.0))] == ["sigmas_are_positive", "the_error_is_as_large_as_its_sigma_says"]
+
+
+def test_an_error_beyond_the_budget_breaks_its_law():
+    ((name, message),) = broken(fusers, fuser_of(budget=0.5)).items()
+    assert name == "the_error_stays_inside_the_budget"
+    # Two axes of 0.82 m make 1.15 m.
+    assert message.startswith("on the drive with seed 1 the horizontal error is 1.1")
+    assert message.endswith("its record declares a budget of 0.5 m")
+
+
+def test_an_inertial_trajectory_alone_is_outside_of_any_budget_that_fixes_allow():
+    drifting = fuser_of(lambda trajectory, gnss: matrix(trajectory, "pos"), budget=2.0)
+    assert [*broken(fusers, drifting)] == ["the_error_stays_inside_the_budget"]
