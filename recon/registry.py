@@ -7,13 +7,15 @@ for, and a broken one is reported only then. A registry is a value that is passe
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-from recon.errors import PluginBroken, PluginConflict, PluginInvalid, PluginNotFound
-from recon.problems import did_you_mean
+from recon import __version__
+from recon.errors import ConfigError, PluginBroken, PluginConflict, PluginInvalid, PluginNotFound
+from recon.problems import Problem, Where, did_you_mean
+from recon.requirement import FIRST_PARTY, canonical, requirements_of, unmet
 from recon.stages import ROLES, Stage, role_of
 
 GROUP: Final = "recon.plugins"
@@ -38,8 +40,14 @@ class Source:
 class Registry:
     """The stages at hand."""
 
-    def __init__(self, sources: dict[str, list[Source]], records: Iterable[Stage] = ()) -> None:
+    def __init__(
+        self,
+        sources: dict[str, list[Source]],
+        records: Iterable[Stage] = (),
+        blocked: Mapping[str, str] | None = None,
+    ) -> None:
         self._sources = sources
+        self._blocked = blocked or {}
         self._records: dict[str, Stage] = {}
         for record in records:
             _verify(record, Source())
@@ -47,13 +55,27 @@ class Registry:
             self._sources[record.key] = [Source(module=record.run.__module__)]
 
     @classmethod
-    def installed(cls) -> Registry:
-        """The stages of all installed distributions."""
+    def installed(cls, *, block: Collection[str] = (), first_party_only: bool = False) -> Registry:
+        """The stages of all installed distributions; those that are blocked count as not installed.
+
+        block : stages by their key, and distributions, as with `--no-plugin`
+        first_party_only : block all but recon's own, as with `--first-party-only`
+
+        Raises ConfigError for a name in `block` that is neither: whoever blocks wants to be sure.
+        """
+        found = [
+            (point.name, _source(point)) for point in entry_points(group=GROUP) if not point.name.startswith(PIPELINE)
+        ]
+        _refuse_unknown(block, found)
         sources: dict[str, list[Source]] = {}
-        for point in entry_points(group=GROUP):
-            if not point.name.startswith(PIPELINE):
-                sources.setdefault(point.name, []).append(_source(point))
-        return cls(sources)
+        blocked: dict[str, str] = {}
+        for key, source in found:
+            option = _blocking(key, source, block, first_party_only=first_party_only)
+            if option:
+                blocked[key] = f"the stage '{key}' ({source}) is blocked by {option}"
+            else:
+                sources.setdefault(key, []).append(source)
+        return cls(sources, blocked=blocked)
 
     @classmethod
     def of(cls, *records: Stage) -> Registry:
@@ -62,7 +84,7 @@ class Registry:
 
     def with_records(self, *records: Stage) -> Registry:
         """These stages and the records given, which win over those of the same name."""
-        joined = Registry(dict(self._sources), records)
+        joined = Registry(dict(self._sources), records, self._blocked)
         joined._records = {**self._records, **joined._records}
         return joined
 
@@ -83,7 +105,7 @@ class Registry:
     def get(self, key: str) -> Stage:
         """The record of a stage; imports its module on first use.
 
-        Raises PluginNotFound, PluginConflict, PluginBroken, PluginInvalid.
+        Raises PluginNotFound, also for one that is blocked, PluginConflict, PluginBroken, PluginInvalid.
         """
         if key not in self._records:
             self._records[key] = self._load(key)
@@ -92,14 +114,22 @@ class Registry:
     def _load(self, key: str) -> Stage:
         sources = self._sources.get(key)
         if not sources:
-            raise PluginNotFound(f"there is no stage '{key}'", self.suggest(key))
+            raise self.not_found(key)
         if len(sources) > 1:
             claims = " and ".join(f"{source.distribution} {source.version} ({source.module})" for source in sources)
-            raise PluginConflict(f"the stage '{key}' is claimed by {claims}", "uninstall one of them")
+            hint = "uninstall one of them, or block one with --no-plugin DISTRIBUTION"
+            raise PluginConflict(f"the stage '{key}' is claimed by {claims}", hint)
+        _refuse_too_new(sources[0])
         record = _declared(sources[0]).get(key)
         if record is None:
             raise PluginBroken(f"{sources[0].module} ({sources[0]}) declares no stage '{key}'", _TELL_AUTHOR)
         return record
+
+    def not_found(self, key: str) -> PluginNotFound:
+        """Why a stage is not here, and what to do: to be raised, or told among other problems."""
+        if key in self._blocked:
+            return PluginNotFound(self._blocked[key], "leave the option away, or use another stage")
+        return PluginNotFound(f"there is no stage '{key}'", self.suggest(key))
 
     def suggest(self, key: str) -> str:
         """What else the user may have meant."""
@@ -116,6 +146,40 @@ def _source(point: EntryPoint) -> Source:
     return Source(name, version, point.value.partition(":")[0].strip())
 
 
+def _blocking(key: str, source: Source, block: Collection[str], *, first_party_only: bool) -> str:
+    """The option that blocks a stage of that source, "" where none does."""
+    for name in block:
+        if name == key or canonical(name) == canonical(source.distribution):
+            return f"--no-plugin {name}"
+    foreign = canonical(source.distribution) != FIRST_PARTY
+    return "--first-party-only" if first_party_only and foreign else ""
+
+
+def _refuse_unknown(block: Collection[str], found: Collection[tuple[str, Source]]) -> None:
+    known = sorted({name for key, source in found for name in (key, source.distribution)})
+    problems = [
+        Problem(
+            Where(f"--no-plugin {name}"),
+            "bad-option",
+            f"there is neither a stage nor a distribution '{name}'",
+            did_you_mean(name, known) or "see 'recon plugins'",
+        )
+        for name in block
+        if not any(_blocking(key, source, [name], first_party_only=False) for key, source in found)
+    ]
+    if problems:
+        raise ConfigError(problems)
+
+
+def _refuse_too_new(source: Source) -> None:
+    """Raises PluginBroken where a distribution needs a newer recon, which its import might not survive."""
+    if canonical(source.distribution) in ("", FIRST_PARTY):
+        return
+    needed = unmet(requirements_of(source.distribution), __version__)
+    if needed:
+        raise PluginBroken(f"{source} needs {needed}, this is {__version__}", "update recon")
+
+
 def _declared(source: Source) -> dict[str, Stage]:
     """Records that a module declares, verified, by key."""
     import pluggy
@@ -124,7 +188,9 @@ def _declared(source: Source) -> dict[str, Stage]:
 
     try:
         module = importlib.import_module(source.module)
-    except Exception as error:  # whatever a stranger's module raises while it is imported
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a stranger's module raises while it is imported
         raise PluginBroken(
             f"{source.module} ({source}) cannot be imported: {type(error).__name__}: {error}", _TELL_AUTHOR
         ) from error
@@ -140,7 +206,9 @@ def _declared(source: Source) -> dict[str, Stage]:
             _verify(record, source)
     except PluginInvalid:
         raise
-    except Exception as error:  # a hook of a wrong name, a wrong argument, or its body
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a hook of a wrong name, a wrong argument, or its body
         raise PluginBroken(
             f"{source.module} ({source}) cannot be used: {type(error).__name__}: {error}", _TELL_AUTHOR
         ) from error

@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from recon.cli import _console as console
-from recon.cli._columns import column_rows
-from recon.cli._options import AsJson
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, registry_of
+from recon.cli._stage import as_text, described
 from recon.errors import ConfigError, PluginError
 from recon.problems import Problem, did_you_mean, one_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from recon.registry import Registry
-    from recon.schema import Change, Column, Schema
 
 
 def plugins(
     words: Annotated[
         list[str] | None, typer.Argument(metavar="[ROLE | show NAME]", help="One role only, or one stage in full.")
     ] = None,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
     as_json: AsJson = False,
 ) -> None:
     """List the stages that are installed, or show one of them.
 
     Example: recon plugins show filter.resample
     """
-    from recon.registry import Registry
-
-    registry = Registry.installed()
+    registry = registry_of(blocked, first_party_only)
     match words or []:
         case ["show", name]:
-            shown: Any = _described(name, registry)
-            told = _stage_text(shown)
+            shown: Any = described(name, registry)
+            told = as_text(shown)
+        case ["show"]:
+            raise _unknown("'show' needs the name of a stage", "'recon plugins' lists them")
         case []:
             shown = _listed(registry, None)
             told = _list_text(shown)
@@ -63,9 +63,6 @@ def _known_role(role: str) -> str:
 
 def _unknown(text: str, hint: str) -> ConfigError:
     return ConfigError([Problem(None, "bad-option", text, hint)])
-
-
-# --- the list -------------------------------------------------------------------------------------------------------
 
 
 def _listed(registry: Registry, only: str | None) -> list[dict[str, Any]]:
@@ -102,86 +99,3 @@ def _list_text(stages: Sequence[dict[str, Any]]) -> str:
         what = f"BROKEN: {stage['broken']}" if stage["broken"] else stage["summary"]
         rows.append((stage["name"], f"{stage['distribution']} {stage['distribution_version']}", what))
     return console.table(rows, indent=0)
-
-
-# --- one stage ------------------------------------------------------------------------------------------------------
-
-
-def _described(key: str, registry: Registry) -> dict[str, Any]:
-    """A stage as JSON data. Raises PluginError."""
-    stage, source = registry.get(key), registry.source(key)
-    return {
-        "name": stage.key,
-        "summary": stage.summary,
-        "version": stage.version,
-        "distribution": source.distribution,
-        "distribution_version": source.version,
-        "module": source.module,
-        "parameters": [asdict(parameter) for parameter in stage.params.describe()],
-        "reads": {
-            port: {"optional": need.optional, "columns": [_column(column) for column in need.columns]}
-            for port, need in stage.reads.items()
-        },
-        "writes": {name: _effect(effect) for name, effect in stage.writes.items()},
-        "writes_depend_on_reads": stage.plan is not None,
-        "references": list(stage.references),
-    }
-
-
-def _column(column: Column) -> dict[str, Any]:
-    facts = {"name": column.name, "unit": column.unit, "frame": column.frame, "quantity": column.quantity}
-    return {**facts, "optional": column.optional}
-
-
-def _effect(effect: Schema | Change) -> dict[str, Any]:
-    """What becomes of a stream: new as a whole, or changed."""
-    from recon.schema import Schema
-
-    if isinstance(effect, Schema):
-        return {"new": True, "columns": [_column(column) for column in effect.columns]}
-    return {
-        "new": False,
-        "columns": [_column(column) for column in effect.adds],
-        "frames": dict(effect.frames),
-        "quantities": dict(effect.quantities),
-        "drops": list(effect.drops),
-    }
-
-
-def _stage_text(stage: dict[str, Any]) -> str:
-    origin = f"{stage['distribution']} {stage['distribution_version']}, {stage['module']}"
-    lines = [f"{stage['name']}  version {stage['version']}  ({origin})", stage["summary"]]
-    lines += ["", "parameters", _parameter_table(stage["parameters"])]
-    for verb in ("reads", "writes"):
-        lines += ["", verb]
-        for name, stream in stage[verb].items():
-            lines += [f"  {name}{_stream_note(stream)}", *_stream_lines(stream)]
-        if not stage[verb]:
-            lines.append("  no stream")
-    if stage["writes_depend_on_reads"]:
-        lines.append("  (of these, what the streams that it reads allow)")
-    if stage["references"]:
-        lines += ["", "references", *(f"  {reference}" for reference in stage["references"])]
-    return "\n".join(lines)
-
-
-def _parameter_table(parameters: Iterable[dict[str, Any]]) -> str:
-    rows = [(p["name"], p["type"], p["default"], p["unit"], p["doc"]) for p in parameters]
-    return console.table([("name", "type", "default", "unit", "meaning"), *rows]) if rows else "  none"
-
-
-def _stream_note(stream: dict[str, Any]) -> str:
-    if stream.get("optional"):
-        return "  (may be absent)"
-    if stream.get("new", True):
-        return ""
-    changes = any(stream[key] for key in ("columns", "frames", "quantities", "drops"))
-    return "  (as it was read, but for:)" if changes else "  (as it was read)"
-
-
-def _stream_lines(stream: dict[str, Any]) -> list[str]:
-    rows = column_rows(stream["columns"])
-    lines = [console.table(rows, indent=4)] if rows else []
-    lines += [f"    {group} is then in frame {frame}" for group, frame in stream.get("frames", {}).items()]
-    lines += [f"    {group} is then {quantity}" for group, quantity in stream.get("quantities", {}).items()]
-    return lines + [f"    {group} is gone" for group in stream.get("drops", ())]

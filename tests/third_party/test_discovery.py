@@ -165,7 +165,7 @@ def test_two_that_claim_one_name_are_both_named(stranger):
         registry.get("filter.double")
     assert "recon-stranger 1.2.3 (stranger.double)" in caught.value.message
     assert "other-stranger 4.0 (other_stranger)" in caught.value.message
-    assert caught.value.hint == "uninstall one of them"
+    assert caught.value.hint == "uninstall one of them, or block one with --no-plugin DISTRIBUTION"
     assert registry.get("reader.speeds").key == "reader.speeds"
 
 

@@ -45,6 +45,17 @@ def test_the_wheel_holds_all_stages_and_pipelines(home: Path, tmp_path: Path) ->
     assert {Path(path).stem for path in pipelines.split()} == {path.stem for path in ROOT.glob("pipelines/*.yaml")}
 
 
+def test_the_wheel_holds_the_templates_of_new_plugins(home: Path, tmp_path: Path) -> None:
+    built, kept = ({path.name for path in (root / "recon/templates/plugin").glob("*.*")} for root in (home, ROOT))
+    assert built == kept
+    for role in ("filter", "reader", "exporter"):
+        done = python("-m", "recon", "new-plugin", role, "mine", "--dir", role, home=home, cwd=tmp_path)
+        assert "Traceback" not in done.stderr
+        assert {"pyproject.toml", "README.md", "recon_mine.py", "tests"} == {
+            p.name for p in (tmp_path / role).iterdir()
+        }
+
+
 def test_the_demo_runs_from_the_wheel(home: Path, tmp_path: Path) -> None:
     done = python("-m", "recon", "demo", "--out", "demo", home=home, cwd=tmp_path)
     assert (tmp_path / "demo" / "thesis" / "manifest.json").is_file()
