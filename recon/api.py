@@ -27,7 +27,7 @@ from recon.problems import Problem, one_of
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import spans
-from recon.runner import Progress, Source, call_exporter, run_pipeline, silent
+from recon.runner import Progress, Source, call_exporter, refuse_source, run_pipeline, silent
 from recon.stages import Exporter
 from recon.storage import STORES, read_recording, refuse_existing, staged_folder, write_recording
 from recon.trajectory import Trajectory, summarize
@@ -140,6 +140,7 @@ def execute(
         outcome = run_pipeline(plan, inputs, registry, progress)
         return Run(outcome.recording, manifests.make(plan, _paths(inputs), outcome, started=started))
     folder = Path(out)
+    refuse_source(plan, inputs)
     refuse_existing(folder, overwrite=overwrite)
     _refuse_own_input(folder, _paths(inputs))
     finished = _run_into(folder, plan, inputs, registry, store or pipeline.store, overwrite, progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -87,5 +88,7 @@ class Form:
 
     def number_of_format(self, node: Node | None, known: int) -> None:
         """The number behind `recon:`."""
-        if node is not None and node.value != known:
-            self.report(node.where, "unknown-format", f"recon: {node.plain()} is not known", f"write {known}")
+        if node is None or node.value is None or (node.value == known and type(node.value) is int):
+            return
+        shown = json.dumps(node.plain(), ensure_ascii=False)  # with the quotes, which make the difference
+        self.report(node.where, "unknown-format", f"recon: {shown} is not known", f"write {known}")

@@ -22,6 +22,7 @@ from recon.errors import ReadFailed
 from recon.plan import Plan, PlannedStep
 from recon.runner import Outcome
 from recon.storage.atomic import EXPORT_MANIFEST, MANIFEST, MARK
+from recon.storage.json_text import readable, to_json
 
 NUMBER: Final = 1
 
@@ -32,6 +33,9 @@ class RunInfo:
 
     name: str
     manifest: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", readable(self.name))
 
     @property
     def warnings(self) -> Sequence[str]:
@@ -77,8 +81,8 @@ def make(
     outputs: Sequence[Mapping[str, Any]] = (),
     started: datetime,
 ) -> dict[str, Any]:
-    """The manifest of a finished run, as JSON data."""
-    return {
+    """The manifest of a finished run, as JSON data: equal to what is read back."""
+    made = {
         MARK: NUMBER,
         "recon": recon.__version__,
         "pipeline": {"name": plan.pipeline.name, "text": plan.pipeline.to_yaml()},
@@ -101,12 +105,13 @@ def make(
             "packages": {name: version(name) for name in ("numpy", "pyarrow", "scipy")},
         },
     }
+    return dict(json.loads(to_json(made)))
 
 
 def write(manifest: Mapping[str, Any], folder: Path) -> Path:
     """Write DIR/manifest.json."""
     path = folder / MANIFEST
-    path.write_text(json.dumps(manifest, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(to_json(manifest, indent=1) + "\n", encoding="utf-8")
     return path
 
 
@@ -114,23 +119,61 @@ def write_export(step: PlannedStep, folder: Path, written: Sequence[Path]) -> Pa
     """Write the manifest of an export beside its files."""
     made = {MARK: NUMBER, "recon": recon.__version__, "export": step.resolved()}
     path = folder / EXPORT_MANIFEST
-    text = json.dumps({**made, "outputs": describe_outputs(folder, written)}, indent=1, ensure_ascii=False)
+    text = to_json({**made, "outputs": describe_outputs(folder, written)}, indent=1)
     path.write_text(text + "\n", encoding="utf-8")
     return path
 
 
+def is_there(folder: Path) -> bool:
+    """Does the folder hold a manifest of recon, or one too damaged to tell? A whole one of another program is none."""
+    try:
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except OSError:
+        return False
+    except (ValueError, RecursionError):
+        return True
+    return isinstance(content, dict) and MARK in content
+
+
 def read(folder: Path) -> dict[str, Any]:
-    """The manifest of a finished run. Raises ReadFailed where there is none, or one of a newer recon."""
+    """The manifest of a finished run. Raises ReadFailed where there is none, a damaged one, or one of a newer recon."""
     path = folder / MANIFEST
     if not path.is_file():
         raise ReadFailed(folder, "this is no finished run: it holds no manifest.json", hint="name the folder of a run")
     try:
-        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        number = manifest[MARK]
-        if not isinstance(number, int):
-            raise TypeError(f"{MARK} is no number")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReadFailed(path, "this is no manifest of recon", hint="name the folder of a run") from error
-    if number > NUMBER:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ReadFailed(path, "it is damaged or cannot be read", hint=_MAKE_AGAIN) from error
+    if not isinstance(manifest, dict) or not isinstance(manifest.get(MARK), int):
+        raise ReadFailed(path, "this is no manifest of recon", hint="name the folder of a run")
+    if manifest[MARK] > NUMBER:
         raise ReadFailed(path, f"it was written by a newer recon ({manifest.get('recon')})", hint="update recon")
+    fault = _fault(manifest)
+    if fault:
+        raise ReadFailed(path, f"it is damaged: {fault}", hint=_MAKE_AGAIN)
     return manifest
+
+
+_MAKE_AGAIN: Final = "copy or make the result again"
+
+_KINDS: Final[Mapping[str, type]] = {
+    "recon": str,
+    "pipeline": dict,
+    "plan": list,
+    "inputs": list,
+    "steps": list,
+    "warnings": list,
+    "store": str,
+    "outputs": list,
+    "environment": dict,
+}
+
+
+def _fault(manifest: Mapping[str, Any]) -> str:
+    """What in a manifest is not as `make` leaves it, as far as readers rely on it; "" where all is."""
+    for key, kind in _KINDS.items():
+        if not isinstance(manifest.get(key), kind):
+            return f"'{key}' is missing or of a wrong type"
+    if not isinstance(manifest["pipeline"].get("name"), str):
+        return "its pipeline has no name"
+    return "" if all(isinstance(text, str) for text in manifest["warnings"]) else "a warning is no text"

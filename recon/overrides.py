@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from recon.errors import ConfigError
 from recon.pipeline import Pipeline, Step
-from recon.problems import Problem, Where, did_you_mean
+from recon.problems import Problem, Where, did_you_mean, shortened
 from recon.yaml_nodes import Node, load, load_file
 
 
@@ -25,7 +25,7 @@ class Override:
     @classmethod
     def from_option(cls, option: str) -> Override:
         """From the text after `--set`. A value `@FILE` is read from a YAML file. Raises ConfigError."""
-        where = Where(f"--set {option}")
+        where = Where(f"--set {shortened(option)}")
         target, equals, value = option.partition("=")
         step, dot, name = target.strip().rpartition(".")
         if not (equals and dot and step and name):
@@ -39,7 +39,7 @@ class Override:
     @classmethod
     def from_data(cls, target: str, value: object) -> Override:
         """From "STEP.NAME" and plain data, as the Python API takes it. Raises ConfigError."""
-        where = Where(f"override {target}")
+        where = Where(f"override {shortened(target)}")
         step, dot, name = target.rpartition(".")
         if not (dot and step and name):
             hint = "write it as 'STEP.PARAMETER'"
@@ -67,16 +67,27 @@ def with_overrides(
     for override in overrides:
         index = _target(steps, override, delegates)
         if index is None:
-            hint = did_you_mean(override.step, [step.id for step in steps])
-            hint = hint or f"the steps are {', '.join(step.id for step in steps)}"
-            text = f"'{pipeline.name}' has no step '{override.step}'"
-            problems.append(Problem(override.where, "unknown-step", text, hint))
+            problems.append(_unplaced(pipeline, override))
         elif steps[index].id == override.step:
             steps[index] = steps[index].with_params(override.params)
         else:
             nested = Node({override.step: override.params}, override.where, {override.step: override.where})
             steps[index] = steps[index].with_params(nested)
     return replace(pipeline, steps=tuple(steps)), problems
+
+
+def _unplaced(pipeline: Pipeline, override: Override) -> Problem:
+    """What is wrong with an override that fits nowhere."""
+    ids = [step.id for step in pipeline.steps]
+    for name in override.params.keys:
+        whole = f"{override.step}.{name}"
+        if whole in ids:
+            use = pipeline.steps[ids.index(whole)].use
+            hint = f"write {whole}.NAME, with a name that 'recon plugins show {use}' lists"
+            text = f"'{whole}' is a step, and the name of a parameter is missing"
+            return Problem(override.where, "bad-option", text, hint)
+    hint = did_you_mean(override.step, ids) or f"the steps are {', '.join(ids)}"
+    return Problem(override.where, "unknown-step", f"'{pipeline.name}' has no step '{override.step}'", hint)
 
 
 def _target(steps: Sequence[Step], override: Override, delegates: Callable[[Step], bool]) -> int | None:

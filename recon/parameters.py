@@ -13,12 +13,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, get_args, get_origin
+from types import NoneType, UnionType
+from typing import Any, Final, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
-from recon.problems import Problem, did_you_mean
+from recon.problems import Problem, did_you_mean, one_of
 from recon.units import UnitError, convert, format_quantity, parse_quantity, si_unit
 from recon.yaml_nodes import Node
 
@@ -44,26 +45,41 @@ _WORDINGS: Final = {
 }
 """pydantic's kinds of error in words for somebody who has never heard of it."""
 
+_TYPES: Final[Mapping[Any, str]] = {
+    float: "number",
+    int: "whole number",
+    bool: "true or false",
+    str: "text",
+    dict: "mapping",
+    tuple: "list",
+    list: "list",
+    NoneType: "none",
+    Any: "anything",
+}
+
 
 def setting(default: Any = ..., *, doc: str, **limits: Any) -> Any:
     """A parameter without a unit: a count, a choice, a switch. limits : gt, ge, lt, le, min_length, max_length."""
     return Field(default, description=doc, **limits)
 
 
-def quantity(default: float | tuple[float, ...] | None, unit: str, *, doc: str, **limits: float) -> Any:
-    """A parameter with a unit. The default and the limits (gt, ge, lt, le) are given in `unit`, kept in SI."""
+def quantity(default: Any, unit: str, *, doc: str, **limits: float) -> Any:
+    """A parameter with a unit. The default and the limits (gt, ge, lt, le) are given in `unit`, kept in SI.
+
+    default : a number, a tuple of numbers, None, or ... for a parameter that must be given
+    """
     si = si_unit(unit)
     if isinstance(default, tuple):
         value: Any = tuple(convert(part, unit, si) for part in default)
     else:
-        value = None if default is None else convert(default, unit, si)
+        value = default if default in (None, ...) else convert(default, unit, si)
     inside = {name: convert(limit, unit, si) if name in _LIMITS else limit for name, limit in limits.items()}
     return Field(value, description=doc, json_schema_extra={"unit": unit}, **inside)  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True)
 class ParamInfo:
-    """What a user needs to know of one parameter; default and unit as a person writes them."""
+    """What a user needs to know of one parameter; type in words, default and unit as a person writes them."""
 
     name: str
     type: str
@@ -155,7 +171,22 @@ def _shown(value: Any) -> str:
 
 
 def _type_name(annotation: Any) -> str:
-    return annotation.__name__ if isinstance(annotation, type) else str(annotation).replace("typing.", "")
+    """A type in words for somebody who writes YAML."""
+    parts = get_args(annotation)
+    kind = get_origin(annotation) or annotation
+    if kind is Literal:
+        return one_of([str(part) for part in parts])
+    if kind in (Union, UnionType):
+        return " or ".join(_type_name(part) for part in parts)
+    if kind in (tuple, list) and parts:
+        count = "" if parts[-1] is Ellipsis or kind is list else f"{len(parts)} "
+        return f"list of {count}{_plural(_type_name(parts[0]))}"
+    return _TYPES.get(kind, getattr(kind, "__name__", str(kind)))
+
+
+def _plural(noun: str) -> str:
+    head, of, rest = noun.partition(" of ")
+    return noun if " or " in head else f"{head}s{of}{rest}"
 
 
 def bind(params: type[Params], node: Node, owner: str) -> tuple[Params | None, list[Problem]]:

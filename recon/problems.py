@@ -10,12 +10,24 @@ The annotation line follows GitHub's "Workflow commands for GitHub Actions", sec
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 NEAR = 0.6
 """Smallest similarity (difflib ratio, 0 to 1) at which a word is offered as what was meant."""
+
+NEAR_SHORT = 0.75
+"""The same for words of fewer than SHORT letters, to which nearly everything is similar."""
+
+SHORT = 3
+
+MOST_QUOTED = 60
+"""Characters of a value that a message shows; a longer word is not looked for among the known ones either."""
+
+MOST_TEXT = 1000
+"""Characters of a whole text or hint."""
 
 MOST_CHOICES = 10
 """Longest list of choices that a message spells out."""
@@ -42,6 +54,7 @@ class Problem:
 
     code : short kebab-case name of the kind of problem, stable between versions; text : what is wrong, without a full
     stop; hint : what to do, printed after a semicolon; notes : other places that explain it, each with a sentence.
+    All of them are kept readable: what they quote is cut at MOST_QUOTED characters.
     """
 
     where: Where | None
@@ -49,6 +62,11 @@ class Problem:
     text: str
     hint: str = ""
     notes: tuple[tuple[Where, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", _readable(self.text))
+        object.__setattr__(self, "hint", _readable(self.hint))
+        object.__setattr__(self, "notes", tuple((where, _readable(text)) for where, text in self.notes))
 
     @property
     def sentence(self) -> str:
@@ -82,6 +100,11 @@ class Problem:
         return [f"    {where}: note: {text}" for where, text in self.notes]
 
 
+def shortened(text: str, most: int = MOST_QUOTED) -> str:
+    """The text, its end replaced by `...` where it is longer than `most` characters."""
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """`did you mean 'x'?` for the choice nearest to `word`, or an empty text where none is near.
 
@@ -90,11 +113,12 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """
     wanted = _folded(word)
     known = sorted(set(choices) - {word})
-    if not wanted or not known:
+    if not 0 < len(wanted) <= MOST_QUOTED or not known:
         return ""
     closeness = {choice: _closeness(wanted, _folded(choice)) for choice in known}
     nearest = max(known, key=closeness.__getitem__)
-    return f"did you mean '{nearest}'?" if closeness[nearest] >= NEAR else ""
+    near = NEAR if len(wanted) >= SHORT else NEAR_SHORT
+    return f"did you mean '{nearest}'?" if closeness[nearest] >= near else ""
 
 
 def one_of(choices: Sequence[str]) -> str:
@@ -103,6 +127,16 @@ def one_of(choices: Sequence[str]) -> str:
     if len(quoted) > MOST_CHOICES:
         return f"{', '.join(quoted[:MOST_CHOICES])}, ... ({len(quoted)} in all)"
     return " or ".join(part for part in (", ".join(quoted[:-1]), *quoted[-1:]) if part)
+
+
+_QUOTED = re.compile(r"(?<!\w)'([^']*)'(?!\w)")
+
+
+def _readable(text: str) -> str:
+    """Every quotation, and then the whole, at its greatest length; an apostrophe inside a word begins no quotation."""
+    if len(text) <= MOST_QUOTED:
+        return text
+    return shortened(_QUOTED.sub(lambda found: f"'{shortened(found[1])}'", text), MOST_TEXT)
 
 
 def _folded(word: str) -> str:
@@ -114,7 +148,8 @@ def _closeness(wanted: str, choice: str) -> float:
     ratio = SequenceMatcher(None, wanted, choice, autojunk=False).ratio()
     if wanted == choice:
         return 2.0 + ratio
-    if choice.startswith(wanted) or choice.endswith(f".{wanted}"):
+    continued = choice.startswith(wanted) and len(wanted) >= SHORT
+    if continued or choice.endswith(f".{wanted}"):
         return 1.0 + ratio
     return ratio
 

@@ -18,13 +18,15 @@ import pyarrow as pa
 
 from recon.check import settled
 from recon.errors import ConfigError, ContractError, DataError, ReadFailed, ReconError, StageError
+from recon.joining import combine
 from recon.plan import Plan, PlannedStep
 from recon.problems import Problem
-from recon.recording import Recording, combine
+from recon.recording import Recording
 from recon.registry import Registry
-from recon.rows import warnings_of
+from recon.rows import metrics, warnings_of
 from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
 from recon.stages import Exporter, Reader, Simulator
+from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
 
 Source: TypeAlias = Recording | Sequence[Path]
@@ -64,6 +66,7 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
     """
     steps = [step for step in plan.steps if not isinstance(step.stage, Exporter)]
     reports: list[StepReport] = []
+    refuse_source(plan, source)
     if isinstance(source, Recording):
         recording = _as_given(source)
     else:
@@ -86,6 +89,17 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
     return Outcome(recording, reports, warnings_of(recording.get("metrics")))
 
 
+def refuse_source(plan: Plan, source: Source) -> None:
+    """Raises DataError where the first step reads a file and is given none, or makes its data and is given one."""
+    first = plan.steps[0] if plan.steps else None
+    if isinstance(source, Recording) or first is None:
+        return
+    if isinstance(first.stage, Simulator) and source:
+        raise DataError(f"step {first.id} makes its own data and reads no file", "leave the input away")
+    if isinstance(first.stage, Reader) and not source:
+        raise DataError(f"step {first.id} has no file to read", "name at least one input")
+
+
 def _as_given(recording: Recording) -> Recording:
     """The recording, its streams checked. Raises DataError where time does not rise."""
     try:
@@ -97,15 +111,14 @@ def _as_given(recording: Recording) -> Recording:
 
 def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) -> tuple[Recording, Streams]:
     if isinstance(step.stage, Simulator):
-        if source:
-            raise DataError(f"step {step.id} makes its own data and reads no file", "leave the input away")
         nothing = Recording({})
         parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
     else:
-        if not source:
-            raise DataError(f"step {step.id} has no file to read", "name at least one input")
         parts = [_read(step, path, registry) for path in source]
-    recording = combine(parts)
+    recording, learnt = combine(parts)
+    if learnt:
+        rows = _marked(metrics(learnt), "metrics", step.id)
+        recording = recording.updated({"metrics": append(recording.get("metrics"), rows)})
     if not any(table.num_rows for name, table in recording.items() if name not in APPENDED):
         raise DataError(f"{_names(source)} holds no rows", "is it the right file?")
     return recording, dict(recording)
@@ -122,7 +135,7 @@ def _read(step: PlannedStep, path: Path, registry: Registry) -> Recording:
     except OSError as error:
         raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
     recording = _kept(Recording({}), step, _checked(step, returned))
-    return Recording(recording.streams, {"sources": [path.name]})
+    return Recording(recording.streams, {"sources": [readable(path.name)]})
 
 
 def _call(step: PlannedStep, recording: Recording) -> Streams:

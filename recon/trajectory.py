@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, overload
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,7 @@ from recon.numerics.geodesy import geodetic_to_enu
 from recon.numerics.rotation import angle, conjugate, rotate, shortest_arc, slerp, to_euler
 from recon.numerics.signals import interpolate_angle, wrap_angle
 from recon.placing import EARTHS, anchor_of
+from recon.problems import shortened
 from recon.tables import Array, has, matrix, meta, time_ns, vector
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 OneTime: TypeAlias = str | float | datetime | np.datetime64
 Times: TypeAlias = OneTime | list[Any] | NDArray[Any]
+
+LAST_NS: Final = 2**63 - 1
+"""Greatest int64."""
 
 
 @dataclass(frozen=True)
@@ -94,27 +98,22 @@ class Trajectory:
         times : ISO text (UTC where it names no zone), datetime, numpy.datetime64, or seconds after the first row;
             a list or array of these gives Poses
 
-        Raises DataError for a time outside the trajectory.
+        Raises DataError for what is no time, and for a time outside the trajectory.
         """
-        if isinstance(times, list | np.ndarray):
-            return self._poses(np.array([self._ns(one) for one in times], dtype=np.int64))
-        poses = self._poses(np.array([self._ns(times)], dtype=np.int64))
+        if isinstance(times, list) or (isinstance(times, np.ndarray) and times.ndim):
+            return self._poses(self._ns(times))
+        poses = self._poses(self._ns([times]))
         from pyquaternion import Quaternion
 
         attitude = Quaternion(poses.attitude[0])
         lat, lon, height = float(poses.lat[0]), float(poses.lon[0]), float(poses.height[0])
         return Pose(poses.time[0], poses.position[0], poses.velocity[0], attitude, lat, lon, height)
 
-    def _ns(self, one: Any) -> int:
-        if isinstance(one, int | float | np.integer | np.floating):
-            return int(time_ns(self.table)[0]) + round(float(one) * 1e9)
-        if isinstance(one, str):
-            one = datetime.fromisoformat(one)
-        if isinstance(one, datetime):
-            aware = one if one.tzinfo else one.replace(tzinfo=UTC)
-            since = aware - datetime(1970, 1, 1, tzinfo=UTC)
-            return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
-        return int(np.datetime64(one, "ns").astype(np.int64))
+    def _ns(self, moments: Any) -> NDArray[np.int64]:
+        """Many times, each in any form, as ns since 1970: (n,)."""
+        own = time_ns(self.table)
+        start = int(own[0]) if len(own) else 0
+        return np.array([_since_1970(one, start) for one in moments], dtype=np.int64)
 
     def _poses(self, t_ns: NDArray[np.int64]) -> Poses:
         own = time_ns(self.table)
@@ -138,6 +137,31 @@ class Trajectory:
             facts["top speed"] = f"{self.speed.max():.2f} m/s"
         cells = "".join(f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts.items())
         return f"<table>{cells}</table>"
+
+
+def _since_1970(one: Any, start: int) -> int:
+    """A time in ns since 1970; seconds count from `start` in ns. Raises DataError for what is no time."""
+    try:
+        found = _nanoseconds(one, start)
+    except (TypeError, ValueError, OverflowError) as error:
+        hint = "give seconds after the first row, ISO text, a datetime or a numpy.datetime64"
+        raise DataError(f"{shortened(repr(one))} is no time", hint) from error
+    return min(max(found, -LAST_NS), LAST_NS)  # what int64 cannot hold is outside of every trajectory
+
+
+def _nanoseconds(one: Any, start: int) -> int:
+    if isinstance(one, int | float | np.integer | np.floating):
+        return start + round(float(one) * 1e9)
+    if isinstance(one, str):
+        one = datetime.fromisoformat(one)
+    if isinstance(one, datetime):
+        aware = one if one.tzinfo else one.replace(tzinfo=UTC)
+        since = aware - datetime(1970, 1, 1, tzinfo=UTC)
+        return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+    moment = np.datetime64(one, "ns")
+    if np.isnat(moment):
+        raise ValueError("not a time")
+    return int(moment.astype(np.int64))
 
 
 @dataclass(frozen=True)

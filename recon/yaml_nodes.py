@@ -42,7 +42,12 @@ class Node:
 
     @classmethod
     def of(cls, data: object, where: Where) -> Node:
-        """Wrap ordinary data, all of it at one place, such as a command-line option. Raises TypeError for the rest."""
+        """Wrap ordinary data, all of it at one place, such as a command-line option; NumPy's scalars and arrays count.
+
+        Raises TypeError for the rest.
+        """
+        if hasattr(data, "tolist"):
+            data = data.tolist()
         if data is None or isinstance(data, bool | int | float | str):
             return cls(data, where)
         if isinstance(data, list | tuple):

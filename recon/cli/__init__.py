@@ -3,46 +3,62 @@
     0    done                                    4    a log cannot be read, or does not hold what is needed
     1    a fault of recon itself                 5    a stage failed
     2    a pipeline or an option is wrong        8    a result could not be written
-    3    a plugin cannot be used                 130  interrupted        141  nobody reads the output any more
+    3    a plugin cannot be used                 130  interrupted    143  terminated    141  nobody reads the output
 
 Results go to standard output; progress and errors, `error: <what>` and an indented hint, to standard error. Modules
-are imported by the verb that needs them, so that `recon --help` costs nothing.
+are imported by the verb that needs them, so that `recon --help` costs nothing; this one imports nearly nothing, so that
+Ctrl-C finds it ready.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from recon.cli import _console as console
-from recon.errors import EXIT_INTERRUPTED, ConfigError, ReconError
+from recon.cli import _signals as signals
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 EXIT_FAULT: Final = 1
 EXIT_PIPE: Final = 141
 """128 + SIGPIPE: what other programs exit with when their reader goes away."""
+EXIT_TERMINATED: Final = 143
+"""128 + SIGTERM."""
 
 _VERBOSE: Final = ("-v", "--verbose")
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run one command line, by default the process's own; returns the exit code and raises nothing."""
+    """Run one command line, by default the process's own; returns the exit code and raises nothing.
+
+    For the process's own, SIGTERM is heeded too, and no signal counts any more when all is done.
+    """
+    try:
+        if args is None:
+            signals.heed()
+        code = _run(sys.argv[1:] if args is None else args)
+        signals.hold()
+    except KeyboardInterrupt as interruption:
+        signals.hold()
+        code = _stopped(interruption)
+    return code
+
+
+def _run(args: Sequence[str]) -> int:
+    from recon.cli import _console as console
+
     console.prepare()
-    words, verbose = _without_verbose(sys.argv[1:] if args is None else args)
+    words, verbose = _without_verbose(args)
     try:
         from recon.cli._app import invoke
 
-        code = invoke(words)
-        console.flush()
-    except KeyboardInterrupt as interruption:
-        console.write_error(f"interrupted; {str(interruption) or 'nothing was written'}")
-        return EXIT_INTERRUPTED
+        return invoke(words)
     except BrokenPipeError:
         console.abandon_output()
         return EXIT_PIPE
     except Exception as error:  # the last resort: a user never sees a traceback unless he asks
         return _report(error, verbose=verbose)
-    return code
 
 
 def _without_verbose(words: Sequence[str]) -> tuple[list[str], bool]:
@@ -52,7 +68,20 @@ def _without_verbose(words: Sequence[str]) -> tuple[list[str], bool]:
     return [*kept, *words[end:]], len(kept) < end
 
 
+def _stopped(interruption: KeyboardInterrupt) -> int:
+    from recon.cli import _console as console
+    from recon.errors import EXIT_INTERRUPTED
+
+    terminated = isinstance(interruption, signals.Terminated)
+    told = str(interruption) or "nothing was written"
+    console.write_error(f"{'terminated' if terminated else 'interrupted'}; {told}")
+    return EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
+
+
 def _report(error: Exception, *, verbose: bool) -> int:
+    from recon.cli import _console as console
+    from recon.errors import ConfigError, ReconError
+
     if verbose:
         import traceback
 

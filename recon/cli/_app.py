@@ -15,6 +15,7 @@ from recon.cli.convert import convert
 from recon.cli.demo import demo
 from recon.cli.export import export
 from recon.cli.inspect import inspect
+from recon.cli.new_plugin import new_plugin
 from recon.cli.plugins import plugins
 from recon.cli.run import run
 from recon.cli.schema import schema
@@ -24,7 +25,7 @@ from recon.errors import ConfigError
 UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
-_VERBS: Final = (run, validate, inspect, plugins, export, convert, demo, schema)
+_VERBS: Final = (run, validate, inspect, plugins, export, convert, demo, schema, new_plugin)
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name
 
 
@@ -49,7 +50,7 @@ def _command() -> Any:
     settings = {"help_option_names": ["-h", "--help"], **width}
     app.callback(invoke_without_command=True, context_settings=settings)(_top)
     for verb in _VERBS:
-        app.command()(verb)
+        app.command()(console.only_results()(verb))
     return get_command(app)
 
 

@@ -6,14 +6,20 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from contextvars import ContextVar
 from io import TextIOWrapper
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from recon.errors import StorageError
 
 _VISIBLE: Final = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if code != ord("\n")}
 """Control characters, which a log may hold and a terminal obeys, as text."""
+
+
+_OUTPUT: Final[ContextVar[TextIO | None]] = ContextVar("output", default=None)
+"""Standard output, while sys.stdout is another stream."""
 
 
 def prepare() -> None:
@@ -25,21 +31,26 @@ def prepare() -> None:
             stream.reconfigure(errors="replace")
 
 
+@contextmanager
+def only_results() -> Iterator[None]:
+    """In this block standard output has what `write` gives; what stages print goes to standard error."""
+    before = _OUTPUT.set(_output())
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _OUTPUT.reset(before)
+
+
+def _output() -> TextIO:
+    return _OUTPUT.get() or sys.stdout
+
+
 def write(text: str) -> None:
     """A line, or several, on standard output. Raises BrokenPipeError, or StorageError where it cannot be written."""
-    _to_output(text.translate(_VISIBLE) + "\n")
-
-
-def flush() -> None:
-    """Have standard output written; raises as `write`."""
-    _to_output("")
-
-
-def _to_output(text: str) -> None:
     try:
-        sys.stdout.write(text)
-        if not text:
-            sys.stdout.flush()
+        _output().write(text.translate(_VISIBLE) + "\n")
+        _output().flush()
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -57,7 +68,7 @@ def write_error(text: str) -> None:
 
 def abandon_output() -> None:
     """Let what is still buffered go nowhere, so that the interpreter does not complain of it at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    os.dup2(os.open(os.devnull, os.O_WRONLY), _output().fileno())
 
 
 def write_json(data: Any) -> None:

@@ -13,6 +13,7 @@ from recon.problems import Problem, Where, did_you_mean, one_of
 
 if TYPE_CHECKING:
     from recon.overrides import Override
+    from recon.registry import Registry
 
 Inputs: TypeAlias = Annotated[
     list[Path] | None, typer.Argument(metavar="INPUT", help="Log file or folder; several are one drive.")
@@ -26,6 +27,20 @@ Store: TypeAlias = Annotated[
 ]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Replace an older result.")]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Blocked: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--no-plugin", metavar="NAME", help="Do without a stage, or without all stages of a distribution."),
+]
+FirstPartyOnly: TypeAlias = Annotated[
+    bool, typer.Option("--first-party-only", help="Do without the stages of all other distributions.")
+]
+
+
+def registry_of(blocked: Sequence[str] | None, first_party_only: bool) -> Registry:
+    """The stages that `--no-plugin` and `--first-party-only` leave. Raises ConfigError."""
+    from recon.registry import Registry
+
+    return Registry.installed(block=blocked or (), first_party_only=first_party_only)
 
 
 def overrides_of(settings: Sequence[str] | None) -> list[Override]:

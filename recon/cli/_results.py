@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from recon.cli import _console as console
+from recon.cli import _signals as signals
 from recon.errors import ReconError
 
 if TYPE_CHECKING:
@@ -19,21 +20,25 @@ MOST_WARNINGS: Final = 8
 
 @contextmanager
 def accounted(results: Mapping[str, Path]) -> Iterator[None]:
-    """An error or Ctrl-C in the block says which of these results were written before it, by looking.
+    """An error or interruption in the block says which of these results were written before it, by looking.
+
+    The block ends with its report to the user: after it, an interruption is too late and is ignored.
 
     results : by what messages call it, the place where a result appears when it is whole
     """
     before = {name: _identity(path) for name, path in results.items()}
     try:
         yield
+        signals.hold()
     except (ReconError, KeyboardInterrupt) as error:
         there = {name: _identity(path) for name, path in results.items()}
         whole = [f"{name} is complete: {results[name]}" for name in results if there[name] not in (None, before[name])]
         if not whole:
             raise
         if isinstance(error, KeyboardInterrupt):
-            raise KeyboardInterrupt("; ".join([*error.args, *whole])) from None
-        error.hint = "\n".join([*error.hint.splitlines(), *whole])
+            error.args = ("; ".join(whole),)
+        else:
+            error.hint = "\n".join([*error.hint.splitlines(), *whole])
         raise
 
 
@@ -81,8 +86,11 @@ def _speed(value: float) -> str:
 
 def exported(finished: Run) -> list[Path]:
     """Files that exporters left in the run's folder."""
+    from recon.storage.atomic import EXPORT_MANIFEST
+
     below = finished.folder / "exports" if finished.folder else Path()
-    return sorted(path for path in below.rglob("*") if path.is_file()) if finished.folder else []
+    made = [path for path in below.rglob("*") if path.is_file() and path.name != EXPORT_MANIFEST]
+    return sorted(made) if finished.folder else []
 
 
 def warning_lines(warnings: list[str]) -> list[str]:

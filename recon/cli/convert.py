@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import Overwrite, Settings, Store, check_store, overrides_of
+from recon.cli._options import (
+    Blocked,
+    FirstPartyOnly,
+    Overwrite,
+    Settings,
+    Store,
+    check_store,
+    overrides_of,
+    registry_of,
+)
 from recon.cli._progress import progress
 from recon.cli._results import accounted, warning_lines
 from recon.errors import ConfigError
@@ -16,6 +25,7 @@ from recon.problems import Problem, Where
 
 if TYPE_CHECKING:
     from recon.api import Run
+    from recon.registry import Registry
 
 
 def convert(
@@ -24,6 +34,8 @@ def convert(
     settings: Settings = None,
     store: Store = None,
     overwrite: Overwrite = False,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
 ) -> None:
     """Write a log as Parquet or MCAP.
 
@@ -31,29 +43,43 @@ def convert(
     """
     from recon.api import execute
     from recon.pipeline import Pipeline
-    from recon.registry import Registry
 
     check_store(store)
     overrides = overrides_of(settings)
+    registry = registry_of(blocked, first_party_only)
     reading = Pipeline.of("convert", "reader.auto")
-    as_file = target.suffix == ".mcap"
+    _check_kind(target, registry)
+    as_file = target.suffix.lower() == ".mcap"
     if as_file:
         _refuse(target, store, overwrite=overwrite)
-    with accounted({"the recording": target}), progress() as shown:
-        made = execute(
-            reading,
-            sources,
-            None if as_file else target,
-            overrides,
-            registry=Registry.installed(),
-            store=store,
-            overwrite=overwrite,
-            progress=shown,
-        )
-        if as_file:
-            _write_file(made, target)
-    rows = ", ".join(f"{name} ({table.num_rows:,} rows)" for name, table in made.recording.items())
-    console.write("\n".join([f"{target}: {rows}", *warning_lines(made.warnings)]))
+    with accounted({"the recording": target}):
+        with progress() as shown:
+            made = execute(
+                reading,
+                sources,
+                None if as_file else target,
+                overrides,
+                registry=registry,
+                store=store,
+                overwrite=overwrite,
+                progress=shown,
+            )
+            if as_file:
+                _write_file(made, target)
+        rows = ", ".join(f"{name} ({table.num_rows:,} rows)" for name, table in made.recording.items())
+        console.write("\n".join([f"{target}: {rows}", *warning_lines(made.warnings)]))
+
+
+def _check_kind(target: Path, registry: Registry) -> None:
+    """Raises ConfigError for the name of a file of another kind: a folder of that name is not what is wanted."""
+    kind = target.suffix[1:].lower()
+    if kind == "parquet":
+        text, hint = f"{target} would be a folder, with a Parquet file for each stream", f"write {target.stem}"
+    elif f"exporter.{kind}" in registry:
+        text, hint = f"convert writes no {kind}", f"convert to a folder, then write 'recon export FOLDER {kind}'"
+    else:
+        return
+    raise ConfigError([Problem(None, "bad-option", text, hint)])
 
 
 def _refuse(target: Path, store: str | None, *, overwrite: bool) -> None:

@@ -43,7 +43,7 @@ def demo(
         with progress() as shown:
             found = Pipeline.from_file(PIPELINE)
             run = execute(found, drive, thesis, [], registry=registry, overwrite=overwrite, progress=shown)
-    console.write(_as_text(run, drive, thesis))
+        console.write(_as_text(run, drive, thesis))
 
 
 def _as_text(run: Run, drive: Path, thesis: Path) -> str:

@@ -8,12 +8,15 @@ from typing import Annotated
 import typer
 
 from recon.cli import _console as console
+from recon.cli._options import Blocked, FirstPartyOnly, registry_of
 from recon.cli._results import accounted
 
 
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a finished run.")],
     names: Annotated[list[str], typer.Argument(metavar="NAME", help="Exporters, see 'recon plugins exporter'.")],
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
 ) -> None:
     """Export a finished run for other programs.
 
@@ -21,8 +24,9 @@ def export(
     """
     from recon import api
 
+    registry = registry_of(blocked, first_party_only)
     wanted = list(dict.fromkeys(names))
     made = {f"export {name}": run / "exports" / name.removeprefix("exporter.") for name in wanted}
     with accounted(made):
-        files = api.export(api.open(run), wanted)
-    console.write("\n".join(str(path) for path in files))
+        files = api.export(api.open(run), wanted, registry)
+        console.write("\n".join(str(path) for path in files))

@@ -9,13 +9,14 @@ import typer
 
 from recon.cli import _console as console
 from recon.cli._columns import column_rows
-from recon.cli._options import AsJson, Settings, overrides_of
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, overrides_of, registry_of
 from recon.cli._results import warning_lines
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from recon.api import Run
+    from recon.registry import Registry
 
 GAP: Final = 3.0
 """A step in time above this many times the median one is a gap."""
@@ -24,27 +25,53 @@ GAP: Final = 3.0
 def inspect(
     paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="A log, several of one drive, or a result.")],
     settings: Settings = None,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is in a log or in a result.
+    """Show what is in a log or in a result, or for a text that no reader knows, propose a mapping.
 
     Example: recon inspect drive.txt
     """
     from recon import api
+    from recon.errors import UnknownFormat
+    from recon.manifest import is_there
     from recon.pipeline import Pipeline
-    from recon.registry import Registry
-    from recon.storage.atomic import is_result
 
-    if len(paths) == 1 and is_result(paths[0]):
+    registry = registry_of(blocked, first_party_only)
+    if len(paths) == 1 and is_there(paths[0]):
         found = api.open(paths[0])
     else:
         reading = Pipeline.of("inspect", "reader.auto")
-        found = api.execute(reading, paths, None, overrides_of(settings), registry=Registry.installed())
+        try:
+            found = api.execute(reading, paths, None, overrides_of(settings), registry=registry)
+        except UnknownFormat:
+            proposed = _proposed(paths, registry)
+            if not proposed:
+                raise
+            if as_json:
+                console.write_json({"paths": [str(path) for path in paths], "proposed": proposed})
+            else:
+                console.write("\n\n".join(proposed.values()))
+            return
     told = _described(found, [str(path) for path in paths])
     if as_json:
         console.write_json(told)
     else:
         console.write(_as_text(told))
+
+
+def _proposed(paths: list[Path], registry: Registry) -> dict[str, str]:
+    """What readers propose for files that no reader knows, by reader. Raises PluginError."""
+    from recon.stages import Reader
+
+    found = {}
+    for key in registry.names(Reader.role):
+        reader = registry.get(key)
+        proposal = reader.propose(paths) if isinstance(reader, Reader) and reader.propose else None
+        if proposal:
+            found[key] = proposal
+    return found
 
 
 def _described(found: Run, paths: list[str]) -> dict[str, Any]:

@@ -5,14 +5,30 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Inputs, Overwrite, Settings, Store, check_store, overrides_of
+from recon.cli._options import (
+    AsJson,
+    Blocked,
+    FirstPartyOnly,
+    Inputs,
+    Overwrite,
+    Settings,
+    Store,
+    check_store,
+    overrides_of,
+    registry_of,
+)
 from recon.cli._progress import progress
 from recon.cli._results import accounted, as_data, as_text
+from recon.errors import ConfigError
+from recon.problems import Problem
+
+if TYPE_CHECKING:
+    from recon.pipeline import Pipeline
 
 
 def run(
@@ -28,6 +44,8 @@ def run(
     ] = None,
     store: Store = None,
     overwrite: Overwrite = False,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a pipeline over a log.
@@ -36,30 +54,41 @@ def run(
     """
     from recon.api import execute
     from recon.pipeline import Pipeline
-    from recon.registry import Registry
 
     check_store(store)
     overrides = overrides_of(settings)
+    registry = registry_of(blocked, first_party_only)
     found = Pipeline.from_file(pipeline)
+    _check_inputs(found, inputs or ())
     folder = out or default_folder(found.name, inputs or ())
     names = list(dict.fromkeys(exports or ()))
     made = {f"export {name}": folder / "exports" / name.removeprefix("exporter.") for name in names}
-    with accounted({"the run": folder, **made}), progress() as shown:
-        finished = execute(
-            found,
-            inputs or None,
-            folder,
-            overrides,
-            registry=Registry.installed(),
-            exports=names,
-            store=store,
-            overwrite=overwrite,
-            progress=shown,
-        )
-    if as_json:
-        console.write_json(as_data(finished))
-    else:
-        console.write(as_text(finished))
+    with accounted({"the run": folder, **made}):
+        with progress() as shown:
+            finished = execute(
+                found,
+                inputs or None,
+                folder,
+                overrides,
+                registry=registry,
+                exports=names,
+                store=store,
+                overwrite=overwrite,
+                progress=shown,
+            )
+        if as_json:
+            console.write_json(as_data(finished))
+        else:
+            console.write(as_text(finished))
+
+
+def _check_inputs(pipeline: Pipeline, inputs: Sequence[Path]) -> None:
+    """Raises ConfigError where a log is needed: asked first, since the result's place is named after it."""
+    from recon.stages import role_of
+
+    if not inputs and role_of(pipeline.steps[0].use) == "reader":
+        text = f"pipeline '{pipeline.name}' reads a log, and none is given"
+        raise ConfigError([Problem(None, "bad-option", text, "name it behind the pipeline")])
 
 
 def default_folder(pipeline: str, inputs: Sequence[Path]) -> Path:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from recon.cli import _console as console
+from recon.cli._options import Blocked, FirstPartyOnly, registry_of
 from recon.errors import ConfigError, PluginError
 from recon.problems import Problem, Where
 
@@ -30,14 +31,14 @@ def validate(
     format: Annotated[
         Format, typer.Option(help="How problems are printed; github: annotations of GitHub Actions.")
     ] = Format.text,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
 ) -> None:
     """Print every problem of pipelines and batch files.
 
     Example: recon validate pipelines/my_pipeline.yaml
     """
-    from recon.registry import Registry
-
-    registry = Registry.installed()
+    registry = registry_of(blocked, first_party_only)
     problems: list[Problem] = []
     for file in files:
         what, found = _validated(file, registry)

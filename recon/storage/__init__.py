@@ -11,6 +11,7 @@ Written and read with
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -83,7 +84,15 @@ def read_recording(path: Path) -> Recording:
         recording = Recording({path.stem: parquet.read_file(path)})
     for name, table in recording.items():
         _refuse_newer(table, name, path)
+    if not _is_meta(recording.meta):
+        raise ReadFailed(path, "what it says of its sources is damaged", hint="copy or make it again")
     return recording
+
+
+def _is_meta(meta: object) -> bool:
+    """Is it the meta of a recording, as far as others rely on it: an object, whose `sources` are names?"""
+    sources = meta.get("sources", []) if isinstance(meta, Mapping) else None
+    return isinstance(sources, list) and all(isinstance(name, str) for name in sources)
 
 
 def store_of(path: Path) -> str:

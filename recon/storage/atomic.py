@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Final
 
 from recon.errors import ConfigError, StorageError
-from recon.problems import Problem
+from recon.problems import Problem, shortened
 
 MANIFEST: Final = "manifest.json"
 EXPORT_MANIFEST: Final = "export.json"
@@ -64,13 +64,9 @@ def _is_there(final: Path) -> bool:
         return False
     except (OSError, ValueError) as error:  # ValueError: a path that holds a NUL
         reason = os.strerror(error.errno).lower() if isinstance(error, OSError) and error.errno else str(error)
-        text = f"there cannot be a folder {_shortened(str(final))}: {reason}"
+        text = f"there cannot be a folder {shortened(str(final), 120)}: {reason}"
         raise ConfigError([Problem(None, "output-impossible", text, "choose another place")]) from error
     return True
-
-
-def _shortened(text: str, most: int = 120) -> str:
-    return text if len(text) <= most else f"{text[:most]}..."
 
 
 def is_result(folder: Path) -> bool:

@@ -29,6 +29,7 @@ import pyarrow as pa
 from recon import __version__
 from recon.errors import ReadFailed
 from recon.recording import Recording
+from recon.storage.json_text import to_json
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 PROFILE: Final = "recon"
@@ -54,7 +55,7 @@ def write_file(recording: Recording, path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
         writer.start(profile=PROFILE, library=f"recon {__version__}")
-        meta = json.dumps(dict(recording.meta), sort_keys=True, ensure_ascii=False)
+        meta = to_json(dict(recording.meta), sort_keys=True)
         writer.add_metadata(RECORDING, {"meta": meta})
         for name, table in recording.items():
             _write_stream(writer, name, _canonical(table))

@@ -15,6 +15,7 @@ References
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +26,8 @@ import pyarrow as pa
 from recon.errors import ReadFailed
 from recon.problems import did_you_mean
 from recon.recording import Recording
-from recon.schema import STREAMS, Schema
+from recon.schema import STREAM_NAME, STREAMS, Schema
+from recon.storage.json_text import to_json
 from recon.tables import build
 
 MAGIC: Final = b"PAR1"
@@ -37,7 +39,7 @@ def write_folder(recording: Recording, folder: Path) -> None:
     for name, table in recording.items():
         write_file(table, folder / f"{name}.parquet")
     about = {"streams": list(recording), "meta": dict(recording.meta)}
-    text = json.dumps(about, indent=2, sort_keys=True, ensure_ascii=False)
+    text = to_json(about, indent=2, sort_keys=True)
     (folder / ABOUT).write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
@@ -46,14 +48,15 @@ def write_file(table: pa.Table, path: Path) -> None:
     from pyarrow.parquet import write_table
 
     encodings = {field.name: encoding for field in table.schema if (encoding := _encoding(field.type))}
-    write_table(
-        table.combine_chunks(),
-        str(path),
-        compression="zstd",
-        use_dictionary=[name for name in table.column_names if name not in encodings],
-        column_encoding=encodings,
-        write_page_checksum=True,
-    )
+    with pa.OSFile(os.fsencode(path), "wb") as file:
+        write_table(
+            table.combine_chunks(),
+            file,
+            compression="zstd",
+            use_dictionary=[name for name in table.column_names if name not in encodings],
+            column_encoding=encodings,
+            write_page_checksum=True,
+        )
 
 
 def _encoding(kind: pa.DataType) -> str:
@@ -68,21 +71,27 @@ def read_folder(folder: Path) -> Recording:
     Raises ReadFailed where a stream that is listed is missing, or a file is no whole stream.
     """
     about = _about(folder / ABOUT)
-    listed: list[str] = about.get("streams", [])
+    listed = about["streams"]
     others = sorted(path.stem for path in folder.glob("*.parquet") if path.stem not in listed)
     streams = {name: read_file(folder / f"{name}.parquet") for name in [*listed, *others]}
-    return Recording(streams, about.get("meta", {}))
+    return Recording(streams, about["meta"])
 
 
 def _about(path: Path) -> Mapping[str, Any]:
+    """`streams` and `meta` of `recording.json`, empty where there is no such file."""
+    about: dict[str, Any] = {"streams": [], "meta": {}}
     if not path.exists():
-        return {}
+        return about
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise ReadFailed(path, "it is damaged or cannot be read") from error
-    if not isinstance(about, dict):
+    if not isinstance(content, dict):
         raise ReadFailed(path, "it is not what recon writes: an object is expected")
+    about |= content
+    names = about["streams"]
+    if not isinstance(names, list) or not all(isinstance(n, str) and STREAM_NAME.fullmatch(n) for n in names):
+        raise ReadFailed(path, "it is damaged: 'streams' is no list of streams")
     return about
 
 
@@ -91,7 +100,7 @@ def read_file(path: Path) -> pa.Table:
     from pyarrow.parquet import ParquetFile
 
     try:
-        source = pa.OSFile(str(path), "rb")
+        source = pa.OSFile(os.fsencode(path), "rb")
     except OSError as error:
         raise ReadFailed(path, "there is no such file, or it may not be read") from error
     with source:

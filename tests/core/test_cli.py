@@ -15,10 +15,12 @@ from typing import NamedTuple
 
 import pyarrow as pa
 import pytest
+from plugin_files import install
 
 import recon
 from recon.cli import _report, main
 from recon.cli.run import default_folder
+from recon.parameters import bind
 from recon.storage import read_recording
 
 PLUGIN = '''
@@ -70,9 +72,20 @@ def fail(*, imu, params):
     raise ZeroDivisionError("nobody foresaw this")
 
 
+def talk(*, imu, params):
+    print("a stage talks")
+    return {"imu": imu}
+
+
 def write(*, imu, folder, about, params):
     (folder / "rows.txt").write_text(str(imu.num_rows))
     return [folder / "rows.txt"]
+
+
+def write_name(*, imu, folder, about, params):
+    text = f"{about.name} of {about.manifest['inputs'][0]['name']}"
+    (folder / "name.txt").write_text(text, encoding="utf-8")
+    return [folder / "name.txt"]
 
 
 def write_late(*, imu, folder, about, params):
@@ -99,12 +112,14 @@ def declare_filters():
     needs = {"imu": IMU.need("accel")}
     yield Filter(name="wait", summary="Waits.", params=Wait, run=wait, reads=needs, writes={"imu": SAME})
     yield Filter(name="fail", summary="Fails.", run=fail, reads=needs, writes={"imu": SAME})
+    yield Filter(name="talk", summary="Prints.", run=talk, reads=needs, writes={"imu": SAME})
 
 
 @hookimpl
 def declare_exporters():
     needs = {"imu": IMU.need("accel")}
     yield Exporter(name="count", summary="Rows.", run=write, reads=needs)
+    yield Exporter(name="name", summary="Names.", run=write_name, reads=needs)
     yield Exporter(name="late", summary="Waits.", run=write_late, reads=needs)
     yield Exporter(name="fail", summary="Fails.", run=write_nothing, reads=needs)
 '''
@@ -113,7 +128,9 @@ STAGES = (
     "reader.still",
     "filter.wait",
     "filter.fail",
+    "filter.talk",
     "exporter.count",
+    "exporter.name",
     "exporter.late",
     "exporter.fail",
 )
@@ -187,12 +204,12 @@ def test_without_a_verb_it_shows_help_that_names_all_of_them(cli: Cli) -> None:
     ended = cli()
     assert ended.code == 0
     assert ended == cli("--help")
-    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema"):
+    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema", "new-plugin"):
         assert f"\n  {verb} " in ended.out
 
 
 def test_every_verb_has_help_with_an_example(cli: Cli) -> None:
-    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema"):
+    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema", "new-plugin"):
         ended = cli(verb, "--help")
         assert ended.code == 0
         assert f"Example: recon {verb}" in ended.out
@@ -250,6 +267,41 @@ def test_a_run_for_programs_is_json(cli: Cli) -> None:
     assert told["exports"] == [str(Path("drive-box/exports/count/rows.txt"))]
 
 
+def test_what_a_stage_prints_does_not_disturb_the_results(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    talker = {"talker.py": "print('a module talks')\nimport no_such_package\n"}
+    monkeypatch.syspath_prepend(install(tmp_path / "path", "talker", modules=talker, points={"filter.odd": "talker"}))
+    (tmp_path / "box.yaml").write_text(PIPELINE + "  - use: filter.talk\n")
+    ended = cli("run", "box.yaml", "drive.txt", "--json")
+    assert json.loads(ended.out)["pipeline"] == "box"
+    assert "a stage talks\n" in ended.err
+    ended = cli("plugins", "--json")
+    assert "filter.talk" in {stage["name"] for stage in json.loads(ended.out)}
+    assert "a module talks\n" in ended.err
+
+
+def test_a_pipeline_that_reads_needs_an_input_whatever_is_there(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "box").mkdir()
+    ended = cli("run", "box.yaml")
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.err == "error: pipeline 'box' reads a log, and none is given; name it behind the pipeline\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux takes any bytes as a name")
+@pytest.mark.parametrize("store", ["parquet", "mcap"])
+def test_names_that_are_no_text_are_kept_escaped(cli: Cli, tmp_path: Path, store: str) -> None:
+    log, out = os.fsdecode(b"caf\xe9.txt"), os.fsdecode(b"r\xe9s")
+    (tmp_path / "drive.txt").rename(log)
+    assert cli("run", "box.yaml", log, "--out", out, "--store", store, "--export", "name").code == 0
+    assert Path(out, "exports", "name", "name.txt").read_text(encoding="utf-8") == r"r\xe9s of caf\xe9.txt"
+    kept = recon.open(out)
+    assert [entry["name"] for entry in kept.manifest["inputs"]] == [r"caf\xe9.txt"]
+    assert kept.recording.meta["sources"] == [r"caf\xe9.txt"]
+    assert cli("convert", log, "one.mcap").code == 0
+    assert read_recording(Path("one.mcap")).meta["sources"] == [r"caf\xe9.txt"]
+
+
 def test_a_folder_that_is_there_is_refused_before_any_work(cli: Cli) -> None:
     cli("run", "box.yaml", "drive.txt")
     ended = cli("run", "box.yaml", "drive.txt")
@@ -287,6 +339,7 @@ def test_every_wrong_setting_is_told_and_nothing_is_done(cli: Cli, tmp_path: Pat
     ("words", "message"),
     [
         (["--set", "rate"], "--set rate: error: this sets nothing; write --set STEP.PARAMETER=VALUE"),
+        (["--set", "filter.wait=1 s"], "'filter.wait' is a step, and the name of a parameter is missing; write filter"),
         (["--set", "filter.wait.time=1"], "filter.wait: time: a unit is missing: write for example '1 s'"),
         (["--store", "mcp"], "--store mcp: error: there is no store 'mcp'; did you mean 'mcap'?"),
         (["--export", "cuont"], "--export cuont: error: there is no stage 'exporter.cuont'; did you mean"),
@@ -440,6 +493,22 @@ def test_a_file_that_no_reader_knows_is_exit_4(cli: Cli, tmp_path: Path) -> None
     assert "noise.bin: no reader knows this file" in ended.err
 
 
+@pytest.mark.parametrize("text", ['{"recon_manifest": 1}', '{"recon_man'])
+def test_a_damaged_manifest_is_told(cli: Cli, tmp_path: Path, text: str) -> None:
+    cli("run", "box.yaml", "drive.txt")
+    (tmp_path / "drive-box" / "manifest.json").write_text(text)
+    for words in (["inspect", "drive-box"], ["export", "drive-box", "count"]):
+        ended = cli(*words)
+        assert (ended.code, ended.out) == (4, "")
+        assert ended.err.startswith(f"error: {Path('drive-box/manifest.json')}: it is damaged")
+
+
+def test_a_manifest_of_another_program_does_not_keep_a_folder_from_being_read(cli: Cli, tmp_path: Path) -> None:
+    cli("run", "box.yaml", "drive.txt")
+    (tmp_path / "drive-box" / "manifest.json").write_text('{"name": "a web page"}')
+    assert cli("inspect", "drive-box").code == 0
+
+
 # --- plugins --------------------------------------------------------------------------------------------------------
 
 
@@ -459,11 +528,28 @@ def test_one_stage_is_shown_in_full(cli: Cli) -> None:
     ended = cli("plugins", "show", "simulator.still")
     assert ended.code == 0
     assert "simulator.still  version 1  (box-plugin 2.5, box_plugin)" in ended.out
-    assert "  pause  float  0 s      s     Time that the last 10 samples come late.\n" in ended.out
+    assert "  pause  number        0 s      s     Time that the last 10 samples come late.\n" in ended.out
     assert "    accel_x, accel_y, accel_z  m/s^2  sensor  specific_force\n" in ended.out
     told = json.loads(cli("plugins", "show", "filter.wait", "--json").out)
     assert told["parameters"][0]["unit"] == "s"
+    assert told["yaml"] == "- use: filter.wait\n  params:\n    time: 0 s\n"
     assert told["reads"]["imu"]["columns"][0]["name"] == "accel_x"
+
+
+def test_what_a_record_declares_of_itself_is_shown(cli: Cli) -> None:
+    assert "\ncapabilities: sniff\n" in cli("plugins", "show", "reader.still").out
+    assert "capabilities" not in cli("plugins", "show", "exporter.count").out
+    assert "\ncapabilities: every_stream\n" in cli("plugins", "show", "exporter.csv").out
+    assert "\nreads\n  every stream\n" in cli("plugins", "show", "exporter.csv").out
+
+
+def test_the_step_that_is_shown_is_that_of_the_defaults(cli: Cli) -> None:
+    registry = recon.Registry.installed()
+    for key in ("reader.auto", "reader.physycom", "simulator.drive", "filter.resample", "exporter.csv", "filter.wait"):
+        step = json.loads(cli("plugins", "show", key, "--json").out)["yaml"]
+        (pasted,) = recon.Pipeline.from_text(f"steps:\n{step}").steps
+        stage = registry.get(key)
+        assert bind(stage.params, pasted.params, key) == (stage.params(), [])
 
 
 @pytest.mark.parametrize(
@@ -474,6 +560,7 @@ def test_one_stage_is_shown_in_full(cli: Cli) -> None:
         (["fliter"], 2, "error: there is no role 'fliter'; did you mean 'filter'?\n"),
         (["filter.wait"], 2, "write 'recon plugins show filter.wait'\n"),
         (["show", "a", "b"], 2, "error: too many words"),
+        (["show"], 2, "error: 'show' needs the name of a stage; 'recon plugins' lists them\n"),
     ],
 )
 def test_a_stage_that_cannot_be_shown_is_told(cli: Cli, words: list[str], code: int, message: str) -> None:
@@ -511,6 +598,24 @@ def test_a_log_becomes_parquet_or_mcap_with_the_same_numbers(cli: Cli) -> None:
     assert file.meta["manifest"]["inputs"] == recon.open("parquet").manifest["inputs"]
 
 
+def test_an_mcap_file_is_known_in_capitals_too(cli: Cli, tmp_path: Path) -> None:
+    assert cli("convert", "drive.txt", "one.MCAP").code == 0
+    assert (tmp_path / "one.MCAP").is_file()
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("drive.csv", "error: convert writes no csv; convert to a folder, then write 'recon export FOLDER csv'\n"),
+        ("drive.parquet", "error: drive.parquet would be a folder, with a Parquet file for each stream; write drive\n"),
+    ],
+)
+def test_no_folder_is_made_under_the_name_of_a_file(cli: Cli, tmp_path: Path, target: str, message: str) -> None:
+    ended = cli("convert", "drive.txt", target)
+    assert (ended.code, ended.err) == (2, message)
+    assert entries(tmp_path) == {"drive.txt", "box.yaml"}
+
+
 def test_only_an_mcap_file_is_replaced_by_one(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "foreign.mcap").write_text("not MCAP")
     assert cli("convert", "drive.txt", "foreign.mcap", "--overwrite").code == 2
@@ -539,20 +644,55 @@ def test_the_demo_compares_with_the_truth_and_is_not_overwritten(cli: Cli, tmp_p
 # --- processes of their own -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a single process")
-@pytest.mark.parametrize("words", [["run", "slow.yaml", "drive.txt"], ["-v", "run", "slow.yaml", "drive.txt"]])
-def test_ctrl_c_is_one_line_and_leaves_nothing(
-    words: list[str], tmp_path: Path, environment: Mapping[str, str]
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to a single process")
+@pytest.mark.parametrize(
+    ("words", "sent", "code", "told"),
+    [
+        (["run", "slow.yaml", "drive.txt"], signal.SIGINT, 130, "interrupted; nothing was written\n"),
+        (["-v", "run", "slow.yaml", "drive.txt"], signal.SIGINT, 130, "interrupted; nothing was written\n"),
+        (["run", "slow.yaml", "drive.txt"], signal.SIGTERM, 143, "terminated; nothing was written\n"),
+    ],
+)
+def test_a_stopped_run_is_one_line_and_leaves_nothing(
+    words: list[str], sent: signal.Signals, code: int, told: str, tmp_path: Path, environment: Mapping[str, str]
 ) -> None:
     before = entries(tmp_path)
     with spawn(*words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         while "filter.wait" not in process.stderr.readline():
             assert process.poll() is None, "it ended before the step began"
-        process.send_signal(signal.SIGINT)
-        assert process.stderr.read() == "interrupted; nothing was written\n"
-        assert process.wait() == 130
+        process.send_signal(sent)
+        assert process.stderr.read() == told
+        assert process.wait() == code
     assert entries(tmp_path) == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to a single process")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_after_the_end_does_not_spoil_what_is_done(name: str, environment: Mapping[str, str]) -> None:
+    program = f"""
+        import os, signal, sys
+        from recon.cli import main
+        sys.argv = ["recon", "--version"]
+        code = main()
+        os.kill(os.getpid(), signal.{name})
+        sys.exit(code)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, env=environment, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"recon {recon.__version__}\n", "")
+
+
+def test_a_caller_in_the_same_process_keeps_his_signals(cli: Cli) -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    cli("run", "box.yaml", "drive.txt")
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_the_command_hears_ctrl_c_before_anything_slow_is_imported() -> None:
+    program = "import sys; import recon.cli; sys.exit(f'{[*sys.modules]}' if 'recon.errors' in sys.modules else 0)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a single process")
@@ -568,7 +708,7 @@ def test_ctrl_c_in_an_export_says_that_the_run_is_complete(tmp_path: Path, envir
     assert process.returncode == 130
     assert err.endswith("interrupted; the run is complete: drive-box\n")
     assert recon.open(tmp_path / "drive-box").recording["imu"].num_rows == 100
-    assert entries(tmp_path / "drive-box" / "exports") == set()
+    assert not (tmp_path / "drive-box" / "exports").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a pipe is broken otherwise on Windows")
@@ -592,6 +732,25 @@ def test_output_to_a_full_disk_is_an_error(tmp_path: Path, environment: Mapping[
         _, err = process.communicate()
     assert process.returncode == 8
     assert err == "error: the output could not be written: No space left on device\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_a_run_whose_report_cannot_be_written_says_that_it_is_complete(
+    tmp_path: Path, environment: Mapping[str, str]
+) -> None:
+    (tmp_path / "box.yaml").write_text(PIPELINE)
+    words = ["run", "box.yaml", "drive.txt"]
+    buffered = {key: value for key, value in environment.items() if key != "PYTHONUNBUFFERED"}
+    with (
+        Path("/dev/full").open("w") as full,
+        spawn(*words, cwd=tmp_path, env=buffered, stdout=full.fileno(), stderr=subprocess.PIPE) as process,
+    ):
+        _, err = process.communicate()
+    assert process.returncode == 8
+    assert err.splitlines()[-2:] == [
+        "error: the output could not be written: No space left on device",
+        "  the run is complete: drive-box",
+    ]
 
 
 def test_a_console_of_few_characters_shows_what_it_can(tmp_path: Path, environment: Mapping[str, str]) -> None:

@@ -66,10 +66,14 @@ def test_times_and_hosts_are_in_the_environment_alone():
     assert not {"started", "host", "seconds"} & set(told)
 
 
+def test_an_exporter_is_given_names_that_it_can_write():
+    assert manifest.RunInfo(b"caf\xe9".decode(errors="surrogateescape")).name == r"caf\xe9"
+
+
 def test_what_is_written_is_read_back(tmp_path):
     told = made()
     assert manifest.write(told, tmp_path) == tmp_path / "manifest.json"
-    assert manifest.read(tmp_path) == json.loads(json.dumps(told))
+    assert manifest.read(tmp_path) == told
 
 
 def test_an_input_file_is_known_by_name_size_and_hash(tmp_path):
@@ -105,17 +109,42 @@ def test_outputs_are_described_in_order_with_paths_of_one_form(tmp_path):
     assert [entry["file"] for entry in told] == ["streams/a", "streams/b"]
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"recon_manifest": "1"}', "\x00\x01", '{"recon_manifest": 0.5}'])
+@pytest.mark.parametrize("text", ["[]", "{}", '{"recon_manifest": "1"}', '{"recon_manifest": 0.5}'])
 def test_anything_else_is_no_manifest(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text, encoding="utf-8")
     with pytest.raises(ReadFailed, match="this is no manifest of recon"):
         manifest.read(tmp_path)
 
 
-def test_bytes_that_are_no_text_are_no_manifest(tmp_path):
-    (tmp_path / "manifest.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ReadFailed, match="this is no manifest of recon"):
+@pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\xff\xfe\x00", b'{"recon_manifest": 1', b"[" * 100_000])
+def test_what_is_cut_short_or_no_json_is_damaged(tmp_path, data):
+    (tmp_path / "manifest.json").write_bytes(data)
+    assert manifest.is_there(tmp_path)
+    with pytest.raises(ReadFailed, match="it is damaged or cannot be read"):
         manifest.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"pipeline": None}, "'pipeline' is missing or of a wrong type"),
+        ({"pipeline": 3}, "'pipeline' is missing or of a wrong type"),
+        ({"pipeline": {"name": 3}}, "its pipeline has no name"),
+        ({"warnings": "odd"}, "'warnings' is missing or of a wrong type"),
+        ({"warnings": [1]}, "a warning is no text"),
+    ],
+)
+def test_a_manifest_of_another_shape_is_damaged(tmp_path, change, fault):
+    manifest.write({**made(), **change}, tmp_path)
+    assert manifest.is_there(tmp_path)
+    with pytest.raises(ReadFailed, match=f"it is damaged: {fault}"):
+        manifest.read(tmp_path)
+
+
+def test_the_manifest_of_another_program_is_not_there(tmp_path):
+    assert not manifest.is_there(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"name": "a web page"}', encoding="utf-8")
+    assert not manifest.is_there(tmp_path)
 
 
 def test_a_folder_without_manifest_is_no_finished_run(tmp_path):

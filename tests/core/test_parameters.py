@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import jsonschema
 import pytest
@@ -141,6 +141,32 @@ def test_description_shows_defaults_as_people_write_them():
     assert shown["tilt"] == ("none", "deg")
     assert shown["exact"] == ("true", "")
     assert [info.default for info in Asking.describe()] == ["required"]
+
+
+class Kinds(Params):
+    a: float = setting(1.0, doc="A.")
+    b: int | None = setting(None, doc="B.")
+    c: bool = setting(True, doc="C.")
+    d: Literal["one", "two", "three"] = setting("one", doc="D.")
+    e: tuple[float, float, float] = setting((0.0, 0.0, 0.0), doc="E.")
+    f: tuple[str, ...] = setting((), doc="F.")
+    g: tuple[tuple[float, float], ...] = setting((), doc="G.")
+    h: dict[str, Any] = setting({}, doc="H.")
+    i: tuple[bool, ...] = setting((), doc="I.")
+
+
+def test_types_are_told_in_words():
+    assert [info.type for info in Kinds.describe()] == [
+        "number",
+        "whole number or none",
+        "true or false",
+        "'one', 'two' or 'three'",
+        "list of 3 numbers",
+        "list of texts",
+        "list of lists of 2 numbers",
+        "mapping",
+        "list of true or false",
+    ]
 
 
 def test_si_values_are_json_data():

@@ -144,6 +144,10 @@ def test_an_option_that_sets_nothing_is_refused(option):
     assert str(caught.value) == f"--set {option}: error: this sets nothing; write --set STEP.PARAMETER=VALUE"
 
 
+def test_a_long_option_is_cut_where_it_is_named():
+    assert len(str(Override.from_option(f"a.b={'x' * 10_000}").where)) < 100
+
+
 def test_data_that_yaml_cannot_hold_is_refused():
     with pytest.raises(ConfigError, match=r"override filter.a.b: error: YAML cannot hold <object"):
         Override.from_data("filter.a.b", object())
@@ -176,6 +180,14 @@ def test_an_override_of_a_reader_goes_to_the_step_that_hands_over():
     pipeline, problems = overridden("reader.dat.gain=2", delegates=lambda step: step.use == "reader.auto")
     assert problems == []
     assert pipeline.steps[0].params.plain() == {"reader.dat": {"gain": 2}}
+
+
+def test_an_override_that_names_a_step_alone_asks_for_the_parameter():
+    _, (problem,) = overridden("reader.auto=1")
+    assert problem.as_text() == (
+        "--set reader.auto=1: error: 'reader.auto' is a step, and the name of a parameter is missing; "
+        "write reader.auto.NAME, with a name that 'recon plugins show reader.auto' lists"
+    )
 
 
 def test_an_override_for_no_step_lists_the_steps():

@@ -2,7 +2,7 @@ import pickle
 
 import pytest
 
-from recon.problems import MOST_CHOICES, Problem, Where, did_you_mean, one_of
+from recon.problems import MOST_CHOICES, MOST_QUOTED, MOST_TEXT, Problem, Where, did_you_mean, one_of
 
 PARAMETERS = ["gyro_noise", "gyro_bias", "accel_noise", "lever_arm", "cutoff"]
 
@@ -68,6 +68,25 @@ def test_github_annotation_is_one_line_with_its_notes():
     assert problem.as_github() == "::error file=a.yaml,title=code::text%0A    b.yaml:1:2: note: note"
 
 
+def test_a_long_quotation_is_cut_and_the_sentence_around_it_stays():
+    long = "x" * 10_000
+    notes = ((Where("a.yaml"), f"'{long}' was first given here"),)
+    problem = Problem(None, "code", f"the sensor's '{long}' is unlike 'y', isn't it", f"write '{long}'", notes)
+    cut = f"'{'x' * MOST_QUOTED}...'"
+    assert problem.text == f"the sensor's {cut} is unlike 'y', isn't it"
+    assert problem.hint == f"write {cut}"
+    assert problem.notes == ((Where("a.yaml"), f"{cut} was first given here"),)
+
+
+def test_what_stands_between_two_quotations_is_not_cut():
+    text = f"'a' {'and much more ' * 10} 'b'"
+    assert Problem(None, "code", text).text == text
+
+
+def test_a_text_without_end_is_cut_whatever_it_holds():
+    assert len(Problem(None, "code", "it's" * 1000).text) == MOST_TEXT + len("...")
+
+
 def test_problems_cross_process_borders():
     problem = Problem(Where("a.yaml", 1, 2), "code", "text", "hint", ((Where("b.yaml"), "note"),))
     assert pickle.loads(pickle.dumps(problem)) == problem
@@ -95,6 +114,16 @@ def test_the_last_part_of_a_dotted_name_is_enough():
 @pytest.mark.parametrize("word", ["", "  ", "xyzzy", "cutoff_of_something_else_entirely"])
 def test_nothing_is_offered_for_a_word_that_is_near_to_none(word):
     assert did_you_mean(word, PARAMETERS) == ""
+
+
+@pytest.mark.parametrize(("word", "choice"), [("a", "aligner.forward"), ("a", "ab"), ("fi", "filter.resample")])
+def test_one_or_two_letters_are_the_beginning_of_too_much(word, choice):
+    assert did_you_mean(word, [choice]) == ""
+
+
+def test_a_word_too_long_to_be_shown_is_compared_with_nothing():
+    # comparing takes as long as the word is: seconds for a whole file in the place of a name
+    assert did_you_mean("x" * (MOST_QUOTED + 1), ["x" * MOST_QUOTED]) == ""
 
 
 def test_a_word_is_not_offered_for_itself():

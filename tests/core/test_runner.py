@@ -116,6 +116,16 @@ def test_a_second_box_of_the_files_is_reached_by_its_number(tmp_path):
     assert outcome.recording.meta == {"sources": ["a.txt", "b.txt"]}
 
 
+def test_what_joining_the_files_learnt_is_told_by_the_step_that_read_them(tmp_path):
+    files = [log_file(tmp_path, 2, 4, name="a.txt"), log_file(tmp_path, 6, 8, name="b.txt")]
+    outcome = run_steps(pipeline_of("{use: reader.log, id: boxes}"), text_reader(), source=files)
+    (told,) = outcome.warnings
+    assert told == "gnss_2 (b.txt) is a further sensor beside gnss (a.txt); steps read gnss unless told otherwise"
+    assert {"name": "warning", "note": told, "step": "boxes"} in outcome.reports[0].metrics
+    with pytest.raises(DataError, match=r"a\.txt and a\.txt hold the same rows"):
+        run_steps(pipeline_of("use: reader.log"), text_reader(), source=files[:1] * 2)
+
+
 def test_a_second_box_that_is_not_there_is_told_before_any_step(tmp_path):
     work = filter_of(lambda *, gnss, params: {}, reads={"gnss": GNSS.need("speed")})
     pipeline = pipeline_of("use: reader.log", "{use: filter.work, in: {gnss: gnss_2}}")

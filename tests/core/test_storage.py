@@ -228,11 +228,19 @@ def test_a_listed_stream_that_is_gone_is_named(tmp_path: Path) -> None:
         read_recording(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "\x00"])
+@pytest.mark.parametrize("text", ["{", "[]", "\x00", '{"streams": 5}', '{"streams": ["../imu"]}', '{"streams": [1]}'])
 def test_a_damaged_recording_json_is_refused(tmp_path: Path, text: str) -> None:
     write_recording(Recording({"imu": imu(3)}), tmp_path)
     (tmp_path / "streams" / "recording.json").write_text(text)
     with pytest.raises(ReadFailed, match=r"recording\.json"):
+        read_recording(tmp_path)
+
+
+@pytest.mark.parametrize("store", STORES)
+@pytest.mark.parametrize("meta", [{"sources": 3}, {"sources": [1]}])
+def test_sources_that_are_no_names_are_refused(tmp_path: Path, meta: dict[str, object], store: str) -> None:
+    write_recording(Recording({"imu": imu(3)}, meta), tmp_path, store)
+    with pytest.raises(ReadFailed, match="what it says of its sources is damaged"):
         read_recording(tmp_path)
 
 

@@ -104,10 +104,27 @@ def test_a_time_outside_is_refused_with_the_span(moment: object) -> None:
         Trajectory(line()).at([1.0, moment])
 
 
-def test_an_empty_trajectory_has_no_time_inside() -> None:
+@pytest.mark.parametrize(
+    "moment", [np.nan, np.inf, -1e300, "x", "", None, timedelta(seconds=1), np.datetime64("NaT"), {}, b"x"]
+)
+def test_what_is_no_time_is_refused_with_what_is_one(moment: object) -> None:
+    for asked in (moment, [1.0, moment]):
+        with pytest.raises(DataError, match="is no time") as caught:
+            Trajectory(line()).at(asked)  # type: ignore[call-overload]
+        assert caught.value.hint == "give seconds after the first row, ISO text, a datetime or a numpy.datetime64"
+
+
+@pytest.mark.parametrize("seconds", [1e12, -(10**30)])
+def test_a_time_that_no_int64_holds_is_outside(seconds: float) -> None:
+    with pytest.raises(DataError, match="outside"):
+        Trajectory(line()).at(seconds)
+
+
+@pytest.mark.parametrize("moment", ["2024-05-01T08:00:00Z", 0.0])
+def test_an_empty_trajectory_has_no_time_inside(moment: str | float) -> None:
     empty = Trajectory(line().slice(0, 0))
     with pytest.raises(DataError, match="over no row"):
-        empty.at("2024-05-01T08:00:00Z")
+        empty.at(moment)
     assert (len(empty), empty.duration, empty.path_length) == (0, 0.0, 0.0)
 
 

@@ -5,6 +5,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -135,7 +136,15 @@ def test_ordinary_data_can_be_placed_at_an_option():
     assert node.at(["a", 5, "b"]).where == node.where_of_key("a") == where
 
 
-@pytest.mark.parametrize("data", [{1: "x"}, {"a": {1, 2}}, [b"x"]])
+def test_numbers_and_arrays_of_numpy_become_ordinary_data():
+    data = {"a": np.float64(0.5), "b": np.array([[1, 2]]), "c": [np.bool_(True), np.int64(3), np.str_("x")]}
+    plain = Node.of(data, Where("f")).plain()
+    assert plain == {"a": 0.5, "b": [[1, 2]], "c": [True, 3, "x"]}
+    assert type(plain["a"]) is float
+    assert [type(value) for value in plain["c"]] == [bool, int, str]
+
+
+@pytest.mark.parametrize("data", [{1: "x"}, {"a": {1, 2}}, [b"x"], np.datetime64("2024-05-01")])
 def test_data_that_yaml_cannot_hold_is_refused(data):
     with pytest.raises(TypeError):
         Node.of(data, Where("--set"))
