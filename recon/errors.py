@@ -5,7 +5,7 @@
       PluginError                   3   a stage is missing, broken, claimed twice or badly declared
         PluginNotFound, PluginBroken, PluginConflict, PluginInvalid
       DataError                     4   a log cannot be read, or does not hold what a step needs
-        ReadFailed, NotEnoughData
+        ReadFailed, UnknownFormat, NotEnoughData
       StageError                    5   anything else that came out of a stage
         ContractError                   what it returned is not what it declared
       StorageError                  8   a result could not be written
@@ -71,7 +71,7 @@ class PluginNotFound(PluginError):
 
 
 class PluginBroken(PluginError):
-    """The module of a stage cannot be imported, or declares nothing under its entry point's name."""
+    """The module of a stage cannot be imported, declares nothing under its name, or is made for a newer recon."""
 
 
 class PluginConflict(PluginError):
@@ -91,15 +91,19 @@ class DataError(ReconError):
 class ReadFailed(DataError):
     """An input file that cannot be read.
 
-    path : the file; line and column : where in it, 1-based, None where the format has no lines.
+    path : the file; line and column : where in it, 1-based, None where the format has no lines; what : what is wrong.
     """
 
     def __init__(
         self, path: Path | str, what: str, *, line: int | None = None, column: int | None = None, hint: str = ""
     ) -> None:
-        self.path, self.line, self.column = Path(path), line, column
+        self.path, self.what, self.line, self.column = Path(path), what, line, column
         place = ":".join(str(part) for part in (path, line, column) if part is not None)
         super().__init__(f"{place}: {what}", hint)
+
+
+class UnknownFormat(ReadFailed):
+    """An input file that no reader knows."""
 
 
 class NotEnoughData(DataError):

@@ -142,6 +142,14 @@ def format_quantity(value_si: float, unit: str) -> str:
     return _joined(repr(value), si)
 
 
+def duration_text(seconds: float) -> str:
+    """A duration as people say it: `2.4 s`, `12 min`, `7.5 h`, `3 days`, `17 years`."""
+    for unit, size in _SPOKEN:
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
 def _joined(number: str, unit: str) -> str:
     return number if unit == "1" else f"{number} {unit}"
 
@@ -302,6 +310,7 @@ class _Parser:
 _PREFIXES = {"n": "1e-9", "u": "1e-6", "m": "1e-3", "c": "1e-2", "h": "1e2", "k": "1e3", "M": "1e6", "G": "1e9"}
 _PI = Fraction(math.pi)
 _CELSIUS_ZERO = 273.15
+_SPOKEN = (("years", 31_557_600), ("days", 86400), ("h", 3600), ("min", 60))
 
 # name: (SI units in one, exponents of m, kg, s, A, K, rad; prefixes that it takes)
 _TABLE: dict[str, tuple[Fraction | int | str, tuple[int, ...], str]] = {

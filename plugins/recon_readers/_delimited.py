@@ -9,6 +9,7 @@ a double, which at 5e8 s resolves 60 ns.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -28,21 +29,20 @@ TAB: Final = b"\t"
 SPACE: Final = b" "
 HEAD_BYTES: Final = 65536
 
-_BLANK: Final = ("", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "null", "NULL", "NA", "N/A")
-_BLANK_BYTES: Final = frozenset(text.encode() for text in _BLANK)
+BLANK: Final = ("", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "null", "NULL", "NA", "N/A")
+_BLANK_BYTES: Final = frozenset(text.encode() for text in BLANK)
 _NUMBER: Final = re.compile(rb"[+-]?(?:(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?|(?i:inf(?:inity)?))")
 _TIME: Final = re.compile(rb"[+-]?(?:\d{1,18}(?:\.\d{0,18})?|\.\d{1,18})(?:[eE][+-]?\d\d?)?")
 _DECIMAL_COMMA: Final = re.compile(rb"[+-]?\d+,\d+")
 _CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1f]")
-_MARKS: Final = ((b";", "semicolons"), (b",", "commas"))
+_MARKS: Final = ((b";", "semicolons"), (b",", "commas"), (b"|", "vertical bars"))
 _LOOK_AT: Final = 20
 _LONGEST_HEADER: Final = 100
 _SHOWN: Final = 30
 
 TIME_TYPE: Final = pa.decimal128(38, 18)
 """Seconds as decimals; `whole_ns` makes nanoseconds of them."""
-_NANOSECOND: Final = pa.decimal128(27, 9)
-_LARGEST_S: Final = Decimal(9_000_000_000)
+_LARGEST_NS: Final = Decimal(9 * 10**18)
 
 
 def load(path: Path) -> bytes:
@@ -50,32 +50,43 @@ def load(path: Path) -> bytes:
 
     Raises ReadFailed for what is no regular file, cannot be read, is empty, or is not one-byte text.
     """
+    text = contents(path)
+    fault = not_text(text[:HEAD_BYTES])
+    if fault:
+        what, hint = fault
+        raise ReadFailed(path, what, hint=hint)
+    return plain(text)
+
+
+def plain(text: bytes) -> bytes:
+    """The text with line ends \\n and without a byte order mark."""
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+
+
+def contents(path: Path) -> bytes:
+    """The whole file as it is. Raises ReadFailed for what is no regular file or cannot be read."""
     try:
         if path.is_dir():
             raise ReadFailed(path, "this is a folder, not a file", hint="name the files inside it")
         if path.exists() and not path.is_file():
             raise ReadFailed(path, "this is not a regular file", hint="copy the log into a file first")
-        text = path.read_bytes()
+        return path.read_bytes()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ReadFailed(path, f"it cannot be read: {reason}", hint="check the name and the permissions") from error
-    fault = not_text(text[:HEAD_BYTES])
-    if fault:
-        what, hint = fault
-        raise ReadFailed(path, what, hint=hint)
-    text = text.removeprefix(b"\xef\xbb\xbf")
-    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
 def not_text(head: bytes) -> tuple[str, str] | None:
     """Why the beginning of a file is not that of one-byte text, and what to do; None where it is."""
     if not head.strip():
-        return "the file is empty", "check that the log was copied completely"
+        what = "it holds nothing but blanks" if head else "the file is empty"
+        return what, "check that the log was copied completely"
     few, many = sorted((head[0::2].count(0), head[1::2].count(0)))
     if head[:2] in (b"\xff\xfe", b"\xfe\xff") or (len(head) > 3 and many > 0.4 * len(head) / 2 and few < many / 4):
         return "this is UTF-16 text", "save it as ASCII or UTF-8"
     if _CONTROL.search(head.rstrip(b"\0")) or not head.rstrip(b"\0"):
-        return "this is not a text file", "unpack it, or name the reader of its format"
+        return "this is not a text file", "unpack it if it is an archive"
     return None
 
 
@@ -110,6 +121,11 @@ class Survey:
         """Line and column, 1-based, of one field; both its numbers count from 0."""
         number, line = next(islice(self.rows(), row, None))
         return number, _offset(line, self.separator, column) + 1
+
+
+def header_of(path: Path, text: bytes) -> tuple[str, ...]:
+    """The lines above the first row, without blank ones. Raises ReadFailed where no row comes."""
+    return _header(path, text)[2]
 
 
 def survey(path: Path, text: bytes, widths: Sequence[int]) -> Survey:
@@ -154,21 +170,34 @@ def _columns(rows: pa.Buffer, separator: bytes, names: Sequence[str]) -> pa.Tabl
         pa.BufferReader(rows),
         read_options=csv.ReadOptions(column_names=list(names)),
         parse_options=csv.ParseOptions(delimiter=separator.decode(), quote_char=False),
-        convert_options=csv.ConvertOptions(column_types=kinds, null_values=list(_BLANK)),
+        convert_options=csv.ConvertOptions(column_types=kinds, null_values=list(BLANK)),
     )
 
 
-def whole_ns(times: pa.ChunkedArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def values(found: Survey) -> NDArray[np.float64]:
+    """The rows of the right width as numbers, whatever they hold: (n, width), NaN where there is no number."""
+    rows = [fields(line, found.separator, found.width) for _, line in found.rows()]
+    numbers = [[_number(part) for part in row] for row in rows if len(row) == found.width]
+    return np.array(numbers, dtype=np.float64).reshape(-1, found.width)
+
+
+def _number(part: bytes) -> float:
+    return float(part) if _NUMBER.fullmatch(part) else math.nan
+
+
+def whole_ns(times: pa.ChunkedArray, digits: int = 9) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Decimal seconds as whole nanoseconds; what is below a nanosecond is cut off.
 
-    times : (n,) decimals in s
+    times : (n,) decimals, in s; in ms where digits is 6, in us for 3, in ns for 0
     returns : (n,) ns, 0 where a time is null, clipped to 9e9 s; (n,) bool, true where a time is null
     """
     from pyarrow import compute
 
-    limit = pa.scalar(_LARGEST_S, TIME_TYPE)
+    limit = pa.scalar(_LARGEST_NS.scaleb(-digits), TIME_TYPE)
     bounded = compute.if_else(compute.greater(compute.abs(times), limit), limit, times)
-    exact = compute.multiply(bounded.cast(_NANOSECOND, safe=False), pa.scalar(Decimal(10**9)))
+    exact = bounded.cast(pa.decimal128(20, digits), safe=False)
+    if digits:
+        exact = compute.multiply(exact, pa.scalar(Decimal(10**digits)))
     return np.asarray(exact.cast(pa.int64()).fill_null(0)), np.asarray(times.is_null())
 
 
@@ -192,11 +221,11 @@ def _header(path: Path, text: bytes) -> tuple[int, int, tuple[str, ...]]:
     while start < len(text):
         if len(header) > _LONGEST_HEADER:
             what = f"no number in its first {_LONGEST_HEADER} lines"
-            raise ReadFailed(path, what, hint="name the reader of its format")
+            raise ReadFailed(path, what, hint="check that it is the right file")
         stop = text.find(b"\n", start)
         stop = len(text) if stop < 0 else stop
         line = text[start:stop].strip()
-        if line and not line.startswith(b"#") and any(_NUMBER.fullmatch(part) for part in re.split(rb"[\s,;]+", line)):
+        if line and not line.startswith(b"#") and any(_NUMBER.fullmatch(part) for part in re.split(rb"[\s,;|]+", line)):
             break
         if line:
             header.append(line.decode("utf-8", "replace"))
@@ -216,11 +245,12 @@ def _shape(line: bytes, widths: Sequence[int]) -> tuple[bytes, int] | None:
 def _wrong_shape(path: Path, number: int, line: bytes, widths: Sequence[int]) -> ReadFailed:
     for mark, name in _MARKS:
         if len(line.rstrip(mark).split(mark)) in widths:
-            return ReadFailed(path, f"{name} part the columns", line=number, hint="put tabs or spaces in their place")
+            what = f"{name} part the columns, not tabs or spaces"
+            return ReadFailed(path, what, line=number, hint="put tabs or spaces in their place")
     wanted = f"{', '.join(str(width) for width in widths[:-1])} or {widths[-1]}"
     count = len(fields(line, TAB, 1)) if TAB in line else len(line.split())
-    what = f"a row of {count} columns, where tabs or spaces part {wanted}"
-    return ReadFailed(path, what, line=number, hint="name the reader of its format")
+    what = f"a row of {count} column{'s' * (count != 1)}, where tabs or spaces part {wanted} columns"
+    return ReadFailed(path, what, line=number, hint="check that it is the right file")
 
 
 def _cut_off(text: bytes, start: int, first_line: int, separator: bytes, width: int) -> tuple[int, int | None]:

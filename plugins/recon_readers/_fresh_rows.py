@@ -19,18 +19,16 @@ left as a gap.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.signals import changes
 from recon.tables import Array
-
-Mask: TypeAlias = NDArray[np.bool_]
-Times: TypeAlias = NDArray[np.int64]
+from recon_readers._time_order import Mask, Times
 
 _FEWEST_NEWS: Final = 3
 _MOST_TOGETHER: Final = 0.1
@@ -93,7 +91,7 @@ def imu_rows(sensors: Mapping[str, Seen], gnss: Seen | None) -> tuple[dict[str, 
         return fresh, "repeated: rows that update GNSS alone are left out"
     some = np.logical_or.reduce(list(known.values()))
     if all(np.array_equal(mask, some) for mask in known.values()):
-        return known, "every row holds every sensor"
+        return known, "every row updates every sensor"
     return known, "blank where a sensor did not report"
 
 
@@ -145,32 +143,11 @@ def _repeats(t_ns: Times, news: NDArray[np.intp], standing: Mask, period: int) -
 
     news : (m,) row numbers; standing : (m,) bool
     """
-    start = t_ns[news[standing]]
-    until = np.append(t_ns[news[1:]], t_ns[-1] + period // 2)[standing]
-    count = np.maximum((until - start - period // 2) // period, 0)
-    before = np.repeat(np.cumsum(count) - count, count)
-    due = np.repeat(start, count) + (np.arange(len(before)) - before + 1) * period
-    row = np.minimum(np.searchsorted(t_ns, due), len(t_ns) - 1)
-    chosen = np.zeros(len(t_ns), dtype=bool)
-    chosen[row[np.abs(t_ns[row] - due) <= period // 2]] = True
-    return chosen
-
-
-def backward(t_ns: Times, missing: Mask) -> Mask:
-    """Rows without a time, or before the latest time above them: (n,) bool."""
-    latest = np.maximum.accumulate(np.where(missing, np.iinfo(np.int64).min, t_ns))
-    return np.asarray(missing | (t_ns < latest))
-
-
-def repeating(t_ns: Times, fresh: Iterable[Mask]) -> Mask:
-    """Rows of the time of an earlier row that the same sensor reported: (n,) bool.
-
-    Rows of one time that update different sensors complement each other.
-
-    t_ns : (n,) ns; fresh : by sensor (n,) bool, never falling in time
-    """
-    found = np.zeros(len(t_ns), dtype=bool)
-    for mask in fresh:
-        rows = np.flatnonzero(mask)
-        found[rows[1:][np.diff(t_ns[rows]) == 0]] = True
-    return found
+    latest = np.cumsum(np.bincount(news, minlength=len(t_ns))) - 1
+    until = np.append(t_ns[news[1:]], t_ns[-1] + period // 2)[latest]
+    since = t_ns - t_ns[news[latest]]
+    due = since // period * period
+    above = np.append(0, since[:-1])
+    first = (due > 0) & (above < due)
+    in_time = (since - due <= period // 2) & (t_ns - since + due <= until - period // 2)
+    return np.asarray(first & in_time & (latest >= 0) & standing[latest])

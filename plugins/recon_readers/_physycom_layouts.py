@@ -12,6 +12,7 @@ import numpy as np
 
 from recon.errors import DataError, ReadFailed
 from recon.stages import Sniff
+from recon.tables import Array
 from recon_readers import _delimited
 
 ACCEL: Final = ("ax", "ay", "az")
@@ -22,6 +23,9 @@ EARLIEST_S: Final = 100_000_000
 LATEST_S: Final = 1_200_000_000
 """Seconds since 2000 between which clocks that were set lie (2003 and 2038); Unix times are later than that."""
 CENTURY_S: Final = 3_155_760_000
+SAME_ABS_G: Final = 0.02
+"""|a| interpolated between samples that differ by d across it exceeds that of the components by up to d^2 / 8:
+0.02 g for d = 0.4 g."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,12 @@ _WORDS: Final = {
     "abs": "|a| abs_acc acc_abs",
     "relative": "timestamp_rel time_rel t_rel relative_time",
 }
+_WORDS_FOUND: Final = "header with the words of a physycom format"
+_HEADER: Final = (0.9, 0.6)
+_STRUCTURE: Final = (0.8, 0.55)
+_WIDTH: Final = (0.6, 0.2)
+"""Confidence with times of a clock that was set, and with others."""
+_MOSTLY: Final = 0.9
 _NAME_OF: Final = {word: name for name, words in _WORDS.items() for word in words.split()}
 
 
@@ -95,29 +105,57 @@ def layout_of(found: _delimited.Survey, sensor: Literal["accelerometer", "gyrosc
 
 
 def sniff(path: Path, head: bytes) -> Sniff:
-    """Sure of a header with the words of the format, fairly sure of rows of its width with plausible times."""
+    """Sure of a header with the words of a format, or of rows that are made like its rows.
+
+    Faults of single rows do not matter: the reader names them better. A clock that was not set leaves less certainty.
+    """
     if not head:
         return Sniff(0.0, "no file with contents")
     fault = _delimited.not_text(head)
     if fault:
-        return Sniff(0.0, fault[0])
-    text = head.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        return Sniff(0.0, ": ".join(fault))
+    text = _delimited.plain(head)
     if text.lstrip()[:1] in (b"[", b"{"):
         return _sniff_json(text)
-    if len(head) >= _delimited.HEAD_BYTES:
+    if len(head) >= _delimited.HEAD_BYTES and b"\n" in text:
         text = text[: text.rfind(b"\n") + 1]
+    told = False
     try:
+        told = _tells(header_names(_delimited.header_of(path, text)))
         found = _delimited.survey(path, text, WIDTHS)
-        table = _delimited.parse(found, [str(index) for index in range(found.width)])
     except ReadFailed as error:
-        return Sniff(0.0, error.message)
-    t_ns, missing = _delimited.whole_ns(table.column(0))
-    if missing.any() or (np.diff(t_ns) < 0).any():
+        return Sniff(_HEADER[0], _WORDS_FOUND) if told else Sniff(0.0, error.what)
+    return _sniff_rows(_delimited.values(found), told)
+
+
+def _tells(names: Sequence[str]) -> bool:
+    """Do the words of a header name the columns of a format, in whatever order?"""
+    return len(names) in WIDTHS and "time" in names and (set(names) >= set(ACCEL) or set(names) >= set(GYRO))
+
+
+def _sniff_rows(rows: Array, told: bool) -> Sniff:
+    """What the first rows show. rows : (n, k), NaN where there is no number; told : does the header name a format?"""
+    time = rows[~np.isnan(rows[:, 0]), 0]
+    if told:
+        return _by_time(_HEADER, time, _WORDS_FOUND)
+    falls = np.diff(time) < 0
+    if len(time) <= len(rows) / 2 or np.count_nonzero(falls) > (1 - _MOSTLY) * len(falls):
         return Sniff(0.0, "its first column is no time that rises")
-    names = set(header_names(found.header))
-    if "time" in names and (names >= set(ACCEL) or names >= set(GYRO)):
-        return _by_time(0.9, float(t_ns[0]) * 1e-9, "header with the words of a physycom format")
-    return _by_time(0.6, float(t_ns[0]) * 1e-9, f"{found.width} columns of numbers, the first seconds since 2000")
+    if not 0 <= np.median(time) <= CENTURY_S:
+        return Sniff(0.0, "its times are not between 2000 and 2100")
+    about = f"{rows.shape[1]} columns of numbers"
+    if _holds_size(rows):
+        return _by_time(_STRUCTURE, time, f"{about}, |a| where the format has it")
+    return _by_time(_WIDTH, time, about)
+
+
+def _holds_size(rows: Array) -> bool:
+    """Is the column before the last the size of the acceleration, as in formats of 10 and 14 columns?"""
+    if rows.shape[1] == len(ACC.columns):
+        return False
+    accel, size = rows[:, -8:-5], rows[:, -2]
+    same = np.abs(np.linalg.norm(accel, axis=1) - size) <= SAME_ABS_G
+    return bool(np.mean(same & (size > 0)) >= _MOSTLY)
 
 
 def _sniff_json(text: bytes) -> Sniff:
@@ -126,13 +164,17 @@ def _sniff_json(text: bytes) -> Sniff:
     missing = [key for key in ("lat", "lon", "timestamp", "speed") if b'"%s"' % key.encode() not in text]
     if missing:
         return Sniff(0.0, f"JSON without {missing[0]}")
-    time = re.search(rb'"timestamp"\s*:\s*"?(\d{1,18}(?:\.\d{0,18})?)', text)
-    return _by_time(0.9, float(time[1]) if time else -1.0, "JSON records with lat, lon, timestamp and speed")
+    times = re.findall(rb'"timestamp"\s*:\s*"?(\d{1,18}(?:\.\d{0,18})?)\b', text)
+    if not times:
+        return Sniff(0.0, "JSON whose timestamps are no numbers")
+    return _by_time(_HEADER, np.array(times, dtype=np.float64), "JSON records with lat, lon, timestamp and speed")
 
 
-def _by_time(confidence: float, first_s: float, reason: str) -> Sniff:
-    if EARLIEST_S <= first_s <= LATEST_S:
-        return Sniff(confidence, reason)
-    if 0 <= first_s <= CENTURY_S:
-        return Sniff(0.3 * confidence, f"{reason}, but its clock was not set or does not count from 2000")
-    return Sniff(0.0, "its times are not between 2000 and 2100")
+def _by_time(sure: tuple[float, float], time_s: Array, reason: str) -> Sniff:
+    """Less sure where most times are those of a clock that was not set or does not count from 2000.
+
+    sure : with times as they should be, and with others; time_s : (n,) s
+    """
+    if not len(time_s) or EARLIEST_S <= np.median(time_s) <= LATEST_S:
+        return Sniff(sure[0], reason)
+    return Sniff(sure[1], f"{reason}, but its clock was not set or does not count from 2000")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,29 +13,37 @@ from recon.errors import ReadFailed
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.tables import Array, vector
+from recon.units import duration_text
 from recon_readers import _delimited
-from recon_readers._fresh_rows import Mask, Times, backward, repeating
 from recon_readers._physycom_json import read_records
-from recon_readers._physycom_layouts import ACCEL, CENTURY_S, EARLIEST_S, GYRO, LATEST_S, WIDTHS, layout_of
+from recon_readers._physycom_layouts import ACCEL, CENTURY_S, EARLIEST_S, GYRO, LATEST_S, SAME_ABS_G, WIDTHS, layout_of
+from recon_readers._time_order import Mask, Times, in_order, never_falling, pauses, repeating
 
 LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "time": (0.0, CENTURY_S, "s since 2000"),
     "lat": (-90.0, 90.0, "deg"),
     "lon": (-180.0, 180.0, "deg"),
-    "height": (-1000.0, 100_000.0, "m"),
+    "height": (-1000.0, 10_000.0, "m"),
     "heading": (-180.0, 360.0, "deg"),
-    "speed": (0.0, 1500.0, "km/h"),
+    "speed": (0.0, 600.0, "km/h"),
     "fix": (0.0, 9.0, ""),
-    **dict.fromkeys(ACCEL, (-1e5, 1e5, "g")),
-    **dict.fromkeys(GYRO, (-36_000.0, 36_000.0, "deg/s")),
+    **dict.fromkeys(ACCEL, (-1000.0, 1000.0, "g")),
+    **dict.fromkeys(GYRO, (-10_000.0, 10_000.0, "deg/s")),
 }
-"""Least and largest value in the unit of the file. Others mean another format or a damaged file."""
+"""Least and largest value that a box in a vehicle can report; others mean a damaged row, another unit or format.
+
+Roads lie between -430 m and 5900 m, satellite heights of a first fix err by kilometres. No wheeled vehicle in service
+is faster than 600 km/h. The widest ranges of sensors that such boxes hold are 400 g and 4000 deg/s.
+"""
+_HINTS: Final = {
+    "time": "write the times as seconds since 2000",
+    **dict.fromkeys(ACCEL, "repair the line, or set 'gravity' to the acceleration that the file writes as 1"),
+}
 
 MOST_FAULTY: Final = 0.01
 """Share of rows from which on a fault of the log is no longer a slip."""
-SAME_ABS_G: Final = 0.02
-"""|a| interpolated between samples that differ by d across it exceeds that of the components by up to d^2 / 8:
-0.02 g for d = 0.4 g."""
+FEW: Final = 10
+"""Values that may be missing from a column without a warning, if they are no larger share than that."""
 SAME_TIME_S: Final = 0.01
 """timestamp_rel as a float of 24 bits resolves 8 ms after a day."""
 USUAL_SIZE: Final = (0.5, 2.0)
@@ -47,7 +55,8 @@ class Log:
     """A file as it is: n rows in its own units.
 
     time_ns : (n,) ns since 2000 by the clock of the box
-    backward : (n,) bool, rows without a time or before the latest time above them
+    untimed : (n,) bool, rows whose time is missing or does not fit those around them; `open_log` gives them the time
+        of a row beside them, so that times never fall
     columns : by name (n,), NaN where blank
     cut_line : line of a last row that was cut off and is not among the n
     place : (row, column name) -> line and column, 1-based, or None where the format has no lines
@@ -57,7 +66,7 @@ class Log:
     format: str
     about: str
     time_ns: Times
-    backward: Mask
+    untimed: Mask
     columns: Mapping[str, Array]
     cut_line: int | None
     place: Callable[[int, str], tuple[int, int] | None]
@@ -65,12 +74,12 @@ class Log:
     def group(self, names: Iterable[str]) -> list[Array]:
         """The columns of these names that are there: (n,) each, NaN in rows whose time cannot be used."""
         found = [self.columns[name] for name in names if name in self.columns]
-        return [np.where(self.backward, np.nan, values) for values in found] if self.backward.any() else found
+        return [np.where(self.untimed, np.nan, values) for values in found] if self.untimed.any() else found
 
     @property
     def first_ns(self) -> int:
         """Time of the first row that has one, ns since 2000; 0 where none has."""
-        return int(self.time_ns[np.argmin(self.backward)])
+        return int(self.time_ns[np.argmin(self.untimed)])
 
     def refused(self, row: int, column: str, what: str, hint: str) -> ReadFailed:
         """The error that names a field."""
@@ -85,15 +94,20 @@ class Log:
         return f"record {row + 1}" if place is None else f"line {place[0]}"
 
 
-def open_log(path: Path, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
-    """Read a file of any format. `sensor` is what four columns hold where the header does not tell.
+def open_log(
+    path: Path, sensor: Literal["accelerometer", "gyroscope"] | None, units: Mapping[str, float]
+) -> tuple[Log, list[Metric]]:
+    """Read a file of any format, without values that cannot be; and what was left out.
 
+    sensor : what four columns hold where the header does not tell
+    units : by column, its unit in that of LIMITS where it has another one
     Raises ReadFailed, and DataError where `sensor` must tell.
     """
     text = _delimited.load(path)
     log = _of_json(path, text) if text.lstrip()[:1] in (b"[", b"{") else _of_text(path, text, sensor)
-    _check_limits(log)
-    return log
+    log, learnt = _within_limits(log, units)
+    usable = in_order(log.time_ns, log.untimed)
+    return replace(log, time_ns=never_falling(log.time_ns, usable), untimed=~usable), learnt
 
 
 def _of_text(path: Path, text: bytes, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
@@ -108,45 +122,58 @@ def _of_text(path: Path, text: bytes, sensor: Literal["accelerometer", "gyroscop
         return found.place(row, layout.columns.index(column))
 
     columns = {name: vector(table, name, gaps=True) for name in layout.columns[1:]}
-    return Log(path, layout.name, about, time_ns, backward(time_ns, missing), columns, found.cut_line, place)
+    return Log(path, layout.name, about, time_ns, missing, columns, found.cut_line, place)
 
 
 def _of_json(path: Path, text: bytes) -> Log:
     table = read_records(path, text)
     time_ns, missing = _delimited.whole_ns(table["time"])
     columns = {name: vector(table, name, gaps=True) for name in table.column_names if name != "time"}
-    return Log(
-        path, "GNSS JSON", "records", time_ns, backward(time_ns, missing), columns, None, lambda row, column: None
-    )
+    return Log(path, "GNSS JSON", "records", time_ns, missing, columns, None, lambda row, column: None)
 
 
-def _check_limits(log: Log) -> None:
-    """Raises ReadFailed at the first value that no vehicle and no clock can show."""
+def _within_limits(log: Log, units: Mapping[str, float]) -> tuple[Log, list[Metric]]:
+    """The log without values that no vehicle and no clock can show, and how many there were.
+
+    Raises ReadFailed at the first one of a column that holds many: then they are of another unit or format.
+    """
+    columns, untimed, learnt = dict(log.columns), log.untimed, []
     for name, (low, high, unit) in LIMITS.items():
-        values = log.time_ns * 1e-9 if name == "time" else log.columns.get(name)
+        values = log.time_ns * 1e-9 if name == "time" else columns.get(name)
         if values is None:
             continue
+        values = values * units.get(name, 1.0)
         outside = (values < low) | (values > high)
-        if outside.any():
-            row = int(outside.argmax())
-            shown = name if name == "time" else f"{name} {values[row]:.10g}"
-            what = f"{shown} lies outside {low:g} to {high:.10g} {unit}".rstrip()
-            raise log.refused(row, name, what, "repair the line, or name the reader of its format")
+        if not outside.any():
+            continue
+        row, count = int(outside.argmax()), int(outside.sum())
+        shown = name if name == "time" else f"{name} {values[row]:.10g}"
+        what = f"{shown} lies outside {low:g} to {high:.10g} {unit}".rstrip()
+        if count >= MOST_FAULTY * len(outside):
+            raise log.refused(row, name, what, _HINTS.get(name, "repair the lines; leave blank what is not known"))
+        note = f"{what} in {count} of {len(outside)} rows, first in {log.line(row)}"
+        learnt += [Metric("values_outside_limits", float(count), method=name, note=note)]
+        learnt += [warning(f"left out of {log.path.name}: {note}")]
+        if name == "time":
+            untimed = untimed | outside
+        else:
+            columns[name] = np.where(outside, np.nan, columns[name])
+    return replace(log, columns=columns, untimed=untimed), learnt
 
 
 def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:
     """Rows whose time can be used, (n,) bool, and the count of all rows that were read.
 
     sensors : by name (n,) bool, rows that the sensor reported. Raises ReadFailed where the time of too many rows is
-    missing, repeats or runs backwards.
+    missing, repeats or is out of line.
     """
     n, cut = len(log.time_ns), log.cut_line is not None
-    faults = log.backward | repeating(log.time_ns, sensors.values())
+    faults = log.untimed | repeating(log.time_ns, sensors.values())
     empty = ~np.logical_or.reduce(list(sensors.values())) & ~faults
     reasons = [f"the last row, line {log.cut_line}, was cut off"] if cut else []
     if faults.any():
         count, first = int(faults.sum()), int(faults.argmax())
-        what = f"time is missing, repeats or runs backwards in {count} of {n} rows, first "
+        what = f"time is missing, repeats or is out of line in {count} of {n} rows, first "
         if count >= MOST_FAULTY * n:
             raise log.refused(first, "time", f"{what}here", "sort the rows, or cut the log where its clock jumped")
         reasons.append(f"{what}in {log.line(first)}")
@@ -162,6 +189,27 @@ def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:
     return ~faults, counts + warnings
 
 
+def missing_values(log: Log, sensors: Mapping[str, tuple[Mask, Sequence[str]]]) -> list[Metric]:
+    """How many values are missing from rows of a sensor, by column, with a warning where they are more than a few.
+
+    sensors : by name the rows that it reported, (n,) bool, none standing for all, and its columns
+    """
+    found = []
+    for sensor, (reported, names) in sensors.items():
+        rows = reported if reported.any() else ~log.untimed
+        for name in names:
+            if name not in log.columns:
+                continue
+            blank = np.isnan(log.columns[name]) & rows
+            count, total = int(blank.sum()), int(rows.sum())
+            if count:
+                line = log.line(int(blank.argmax()))
+                note = f"{name} is missing in {count} of {total} rows of {sensor}, first in {line}"
+                found.append(Metric("values_missing", float(count), method=name, note=note))
+                found += [warning(note)] * (count > min(FEW, MOST_FAULTY * total))
+    return found
+
+
 def doubts(log: Log, gravity: float) -> list[Metric]:
     """Warnings where columns contradict each other, or the times or accelerations are not those of a vehicle.
 
@@ -173,17 +221,30 @@ def doubts(log: Log, gravity: float) -> list[Metric]:
         found.append(warning("the times begin before 2003: the clock of the box was not set, dates mean nothing"))
     if first_s > LATEST_S:
         found.append(warning("the times lie after 2038: if they count from 1970, every date is 30 years late"))
+    found += _pauses(log)
     if "ax" in log.columns:
         size = np.sqrt(sum(values**2 for values in log.group(ACCEL)))
         found += _unusual_size(size[~np.isnan(size)] * (gravity / STANDARD_GRAVITY))
         if "abs" in log.columns:
             found += _disagreement(log, "|a|", size - log.columns["abs"], SAME_ABS_G, "g")
     if "relative" in log.columns:
-        since = (log.time_ns - log.time_ns[0]) * 1e-9 - log.columns["relative"]
+        since = (log.time_ns - log.time_ns[0]) * 1e-9 - log.group(["relative"])[0]
         known = since[~np.isnan(since)]
         centre = np.median(known) if len(known) else 0.0
         found += _disagreement(log, "timestamp_rel", since - centre, SAME_TIME_S, "s")
     return found
+
+
+def _pauses(log: Log) -> list[Metric]:
+    rows = np.flatnonzero(~log.untimed)
+    after = pauses(log.time_ns[rows])
+    if not len(after):
+        return []
+    lasting = np.diff(log.time_ns[rows])[after] * 1e-9
+    longest = int(lasting.argmax())
+    text = f"no rows for {duration_text(lasting[longest])} after {log.line(int(rows[after[longest]]))}"
+    more = f", the longest of {len(after)} pauses of more than an hour" if len(after) > 1 else ""
+    return [warning(f"{text}{more}: are these several drives?")]
 
 
 def _unusual_size(size: Array) -> list[Metric]:

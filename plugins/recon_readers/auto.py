@@ -1,14 +1,14 @@
 """Asks every reader whether a file is its own and hands it to the one that is sure.
 
 Parameters for the readers are given under their names; those of a reader that was not chosen are left alone, and
-noted.
+noted. Where no reader is sure of a file, the one that was given parameters for it is taken.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +26,7 @@ from recon import (
     hookimpl,
     metrics,
 )
+from recon.errors import UnknownFormat
 from recon.parameters import bind
 from recon.problems import Where
 from recon.schema import STREAMS
@@ -49,10 +50,10 @@ def auto(*, path: Path, params: Delegation, registry: Registry) -> Streams:
     """Read a file or folder by the reader that knows it.
 
     The metrics tell which reader was chosen, why, with which parameters, and what was not used. Raises ReadFailed
-    where no reader is sure, or two are equally so.
+    where two readers are equally sure, UnknownFormat where none is sure and parameters do not name one.
     """
     opinions, broken = _ask(path, registry)
-    chosen = _choose(path, opinions, broken)
+    chosen = _choose(path, opinions, broken, params.readers)
     given = params.readers.get(chosen.reader.key, {})
     bound, problems = bind(chosen.reader.params, Node.of(given, Where(chosen.reader.key)), chosen.reader.key)
     if bound is None:
@@ -61,6 +62,7 @@ def auto(*, path: Path, params: Delegation, registry: Registry) -> Streams:
     unused = sorted(name for name in params.readers if name != chosen.reader.key)
     learnt = [
         Metric("reader", chosen.sniff.confidence, method=chosen.reader.key, note=chosen.sniff.reason),
+        Metric("reader_distribution", method=chosen.reader.key, note=str(registry.source(chosen.reader.key))),
         Metric("reader_parameters", method=chosen.reader.key, note=json.dumps(bound.as_si(), sort_keys=True)),
         *(Metric("reader_not_used", note=f"{name} was given parameters and was not chosen") for name in unused),
     ]
@@ -82,10 +84,7 @@ def _stamped(reader: Reader, returned: Streams, params: Params) -> Streams:
 
 def _ask(path: Path, registry: Registry) -> tuple[list[Opinion], list[str]]:
     """Opinions of all readers, the surest first, and the readers that cannot be used."""
-    try:
-        head = b"" if path.is_dir() else _head(path)
-    except OSError as error:
-        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+    head = b"" if path.is_dir() else _head(path)
     opinions, broken = [], []
     for key in registry.names(Reader.role):
         try:
@@ -94,26 +93,53 @@ def _ask(path: Path, registry: Registry) -> tuple[list[Opinion], list[str]]:
                 opinions.append(Opinion(reader, reader.sniff(path, head)))
         except PluginError as error:
             broken.append(f"{key}: {error.message}")
-        except Exception as error:  # a stranger's look at a stranger's file
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # a stranger's look at a stranger's file
             broken.append(f"{key}: {type(error).__name__}: {error}")
     return sorted(opinions, key=lambda opinion: -opinion.sniff.confidence), broken
 
 
 def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(HEAD_BYTES)
+    """The first bytes of a file. Raises ReadFailed where there are none to be had."""
+    try:
+        if not path.is_file():
+            raise ReadFailed(path, "this is not a regular file", hint="copy the log into a file first")
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+    if not head:
+        raise ReadFailed(path, "the file is empty", hint="check that the log was copied completely")
+    return head
 
 
-def _choose(path: Path, opinions: list[Opinion], broken: list[str]) -> Opinion:
+def _choose(path: Path, opinions: list[Opinion], broken: list[str], given: Collection[str]) -> Opinion:
+    """The reader that is sure; where none is, the only one that was given parameters and does not rule the file out."""
     if not opinions or opinions[0].sniff.confidence < SURE:
-        said = [f"{opinion.reader.key}: {opinion.sniff.reason}" for opinion in opinions]
-        looked = "\n  ".join(said + broken) or "no reader is installed"
-        raise ReadFailed(path, "no reader knows this file", hint=f"{looked}\n  name one in place of reader.auto")
+        meant = [one for one in opinions if one.reader.key in given and one.sniff.confidence > 0]
+        if len(meant) == 1:
+            return replace(meant[0], sniff=replace(meant[0].sniff, reason="it was given parameters"))
+        raise _unknown(path, opinions, broken)
     sure = [one for one in opinions if one.sniff.confidence == opinions[0].sniff.confidence]
     if len(sure) > 1:
         names = " and ".join(opinion.reader.key for opinion in sure)
-        raise ReadFailed(path, f"{names} are equally sure of this file", hint="name one in place of reader.auto")
+        hint = f"leave one out with '--no-plugin {sure[-1].reader.key}', or name one in a pipeline of your own"
+        raise ReadFailed(path, f"{names} are equally sure of this file", hint=hint)
     return opinions[0]
+
+
+def _unknown(path: Path, opinions: list[Opinion], broken: list[str]) -> ReadFailed:
+    """The error where no reader is sure: what those say that have an idea of the file, else what all say."""
+    if path.is_dir():
+        what = "this is a folder" if any(path.iterdir()) else "this folder is empty"
+        return ReadFailed(path, what, hint="name the log files in it, or the folder of a result of recon")
+    said: dict[str, list[str]] = {}
+    for opinion in [one for one in opinions if one.sniff.confidence > 0] or opinions:
+        said.setdefault(opinion.sniff.reason, []).append(opinion.reader.key)
+    lines = [f"{', '.join(readers)}: {reason}" for reason, readers in said.items()]
+    advice = "check that it is the right file; 'recon plugins' lists the readers that are installed"
+    return UnknownFormat(path, "no reader knows this file", hint="\n  ".join([*lines, *broken, advice]))
 
 
 @hookimpl

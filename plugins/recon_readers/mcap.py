@@ -20,10 +20,13 @@ from recon_readers.parquet import stored
 def sniff(path: Path, head: bytes) -> Sniff:
     """A folder with `streams.mcap`, or an MCAP file that says it is recon's; faintly any other MCAP file."""
     if path.is_dir():
-        return Sniff(1.0, "folder with streams as MCAP") if store_of(path) == "mcap" else Sniff(0.0, "")
+        own = store_of(path) == "mcap"
+        return Sniff(1.0, "folder with streams as MCAP") if own else Sniff(0.0, "a folder without streams")
     if is_own(head):
         return Sniff(1.0, "MCAP file of profile recon")
-    return Sniff(0.1 if head.startswith(MAGIC) else 0.0, "MCAP file of another program")
+    if head.startswith(MAGIC):
+        return Sniff(0.1, "MCAP file of another program")
+    return Sniff(0.0, "another magic number")
 
 
 @hookimpl

@@ -29,8 +29,9 @@ def stored(path: Path, params: NoParams) -> Streams:
 def sniff(path: Path, head: bytes) -> Sniff:
     """A folder that keeps a recording as Parquet, or a file with Parquet's magic number."""
     if path.is_dir():
-        return Sniff(1.0, "folder with streams as Parquet") if store_of(path) == "parquet" else Sniff(0.0, "")
-    return Sniff(0.9 if head.startswith(MAGIC) else 0.0, "magic number of Parquet")
+        own = store_of(path) == "parquet"
+        return Sniff(1.0, "folder with streams as Parquet") if own else Sniff(0.0, "a folder without streams")
+    return Sniff(0.9, "magic number of Parquet") if head.startswith(MAGIC) else Sniff(0.0, "another magic number")
 
 
 @hookimpl

@@ -35,9 +35,10 @@ from recon.schema import GNSS, IMU
 from recon.stages import Reader
 from recon.tables import Streams, build, with_meta
 from recon.units import convert
-from recon_readers._fresh_rows import GnssRows, Mask, gnss_rows, imu_rows, see
+from recon_readers._fresh_rows import GnssRows, gnss_rows, imu_rows, see
 from recon_readers._physycom_layouts import ACCEL, EARLIEST_S, GYRO, PLACE, sniff
-from recon_readers._physycom_log import Log, account, doubts, open_log
+from recon_readers._physycom_log import Log, account, doubts, missing_values, open_log
+from recon_readers._time_order import Mask
 
 NS: Final = 1_000_000_000
 EPOCH_2000_NS: Final = 946_684_800 * NS
@@ -45,6 +46,7 @@ EPOCH_2000_NS: Final = 946_684_800 * NS
 STANDING: Final = 1.0 / 3.6
 """m/s; receivers at rest report up to this."""
 _AXES: Final = {"accel": ACCEL, "gyro": GYRO}
+_COLUMNS: Final = {**_AXES, "gnss": PLACE}
 
 
 class PhysycomParams(Params):
@@ -67,7 +69,7 @@ def read(path: Path, params: PhysycomParams) -> Streams:
 
     Raises ReadFailed, and DataError where a parameter must tell what the file does not.
     """
-    log = open_log(path, params.sensor)
+    log, left_out = open_log(path, params.sensor, _units(params))
     fresh, fill = _fresh_rows(log, params)
     usable, counts = account(log, fresh)
     kept = {name: np.asarray(mask & usable) for name, mask in fresh.items()}
@@ -76,11 +78,21 @@ def read(path: Path, params: PhysycomParams) -> Streams:
     learnt = [
         Metric("format", note=f"physycom {log.format}: {log.about}"),
         *counts,
+        *left_out,
+        *missing_values(log, {name: (mask, _COLUMNS[name]) for name, mask in kept.items()}),
         *fill,
         *_assumptions(log, params),
         *doubts(log, params.gravity),
     ]
     return {**_imu(log, kept, params), **_gnss(log, kept, params), "metrics": metrics(learnt)}
+
+
+def _units(params: PhysycomParams) -> dict[str, float]:
+    """Units of the file as the parameters tell them, in those in which its format is defined."""
+    return {
+        "speed": convert(1.0, params.speed_unit, "km/h"),
+        **dict.fromkeys(ACCEL, params.gravity / STANDARD_GRAVITY),
+    }
 
 
 def _fresh_rows(log: Log, params: PhysycomParams) -> tuple[dict[str, Mask], list[Metric]]:
@@ -93,7 +105,7 @@ def _fresh_rows(log: Log, params: PhysycomParams) -> tuple[dict[str, Mask], list
     learnt = [Metric("imu_fill", note=how)]
     if gnss:
         standing = convert(log.columns["speed"], params.speed_unit, "m/s") < STANDING
-        found = gnss_rows(np.maximum.accumulate(log.time_ns), gnss, standing)
+        found = gnss_rows(log.time_ns, gnss, standing)
         learnt += _about_gnss(found)
         fresh["gnss"] = found.fresh
     return fresh, learnt

@@ -130,7 +130,9 @@ def test_a_recording_takes_the_place_of_the_file():
 
 
 def test_several_files_are_one_drive(log):
-    assert "gnss_2" in follow_run([log, log]).recording
+    other = log.with_name("other.txt")
+    other.write_text("5\n6\n7\n", encoding="utf-8")
+    assert "gnss_2" in follow_run([log, other]).recording
 
 
 def test_a_run_without_trajectory_says_what_it_has():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recon.units import UnitError, convert, format_quantity, parse_quantity, parse_unit, si_unit
+from recon.units import UnitError, convert, duration_text, format_quantity, parse_quantity, parse_unit, si_unit
 
 # One rounding of the ratio and one of the product: each at most half a unit in the last place.
 TWO_ROUNDINGS = 2.0**-52
@@ -311,3 +311,19 @@ def test_importing_units_loads_nothing_heavy():
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
     assert "recon.units" in loaded
     assert not {"numpy", "pyarrow", "pydantic", "rich", "scipy"} & set(loaded)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.0024, "0.0024 s"),
+        (90.0, "90 s"),
+        (120.0, "2 min"),
+        (7199.0, "120 min"),
+        (9000.0, "2.5 h"),
+        (259_200.0, "3 days"),
+        (1e9, "31.7 years"),
+    ],
+)
+def test_a_duration_is_told_in_a_unit_that_people_use(seconds, text):
+    assert duration_text(seconds) == text

@@ -12,7 +12,8 @@ import pyarrow as pa
 import pytest
 
 from recon.errors import DataError, ReadFailed
-from recon.recording import Recording, combine
+from recon.joining import combine
+from recon.recording import Recording
 from recon.rows import warnings_of
 from recon.tables import Array, Streams, conform, has, matrix, meta, time_ns, vector
 from recon_readers.physycom import PhysycomParams, declare_readers, read, sniff
@@ -300,13 +301,28 @@ def test_rows_of_one_time_that_complement_each_other_become_one(tmp_path: Path) 
     assert np.isfinite(np.column_stack([matrix(imu, "accel"), matrix(imu, "gyro")])).all()
 
 
-def test_nan_in_one_axis_is_null(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("count", "warned"), [(1, False), (4, False), (5, True), (100, True)])
+def test_values_missing_in_one_axis_are_null_and_counted(tmp_path: Path, count: int, warned: bool) -> None:
     rows = motion()
-    rows[7, 6] = np.nan
-    imu = read_text(tmp_path, text_of(rows, blank="NaN"))["imu"]
-    assert imu["accel_x"].null_count == 1
+    rows[7 : 7 + count, 6] = np.nan
+    streams = read_text(tmp_path, text_of(rows, blank="NaN"))
+    imu = streams["imu"]
+    assert imu["accel_x"].null_count == count
     assert imu["accel_y"].null_count == 0
     assert imu.num_rows == 400
+    missing = metric(streams, "values_missing")
+    assert (missing["method"], missing["value"]) == ("ax", count)
+    assert missing["note"] == f"ax is missing in {count} of 400 rows of accel, first in line 9"
+    # More than 1 % of the rows is more than a few.
+    assert warnings_of(streams["metrics"]) == [missing["note"]] * warned
+
+
+def test_a_column_without_any_value_is_warned_of(tmp_path: Path) -> None:
+    rows = motion(place=False)
+    rows[:, 1] = np.nan
+    streams = read_text(tmp_path, text_of(rows, blank="NaN"))
+    assert "gnss" not in streams
+    assert warnings_of(streams["metrics"]) == ["speed is missing in 400 of 400 rows of gnss, first in line 2"]
 
 
 # --- how the text is written ------------------------------------------------------------------------------------------
@@ -384,7 +400,7 @@ def test_accelerometer_and_gyroscope_files_combine_to_one_stream(tmp_path: Path)
     for words in ("ax ay az", "gx gy gz"):
         streams = read_text(tmp_path, f"# timestamp {words}\n{T0}.0\t0\t0\t1\n{T0}.1\t0\t0\t1\n")
         parts.append(Recording(streams))
-    imu = combine(parts)["imu"]
+    imu = combine(parts)[0]["imu"]
     assert imu.num_rows == 2
     assert np.isfinite(np.column_stack([matrix(imu, "accel"), matrix(imu, "gyro")])).all()
 
@@ -421,6 +437,34 @@ def test_a_few_rows_out_of_time_are_dropped_counted_and_told(tmp_path: Path, shi
     assert "line 302" in told
 
 
+@pytest.mark.parametrize("row", [0, 1, 200, 398, 399])
+@pytest.mark.parametrize("years", [-16, 10, 200])
+def test_one_row_years_away_is_dropped_alone(tmp_path: Path, row: int, years: int) -> None:
+    rows = motion(400, place=False)
+    text = text_of(rows).splitlines()
+    text[row + 1] = text[row + 1].replace(str(T0), str(T0 + years * 31_557_600)).replace(str(T0 + 1), "0")
+    streams = read_text(tmp_path, "\n".join(text) + "\n")
+    # Beside the first or the last row, nothing tells which of the two is the stray one.
+    beside = row in (1, 398)
+    assert counts(streams)[2] in ((1, 2) if beside else (1,))
+    assert time_ns(streams["imu"])[-1] - time_ns(streams["imu"])[0] <= 1_995_000_000
+    told = warnings_of(streams["metrics"])[-1]
+    assert f"line {row + 2}" in told or beside
+
+
+def test_a_pause_of_years_at_standstill_is_kept_and_told_and_costs_nothing(tmp_path: Path) -> None:
+    rows = held(motion(1000, place=False))
+    rows[300:700, 1] = 0.0
+    lines = text_of(rows).splitlines()
+    years = 16 * 31_557_600  # with one report each 0.1 s these would be 5e9 rows
+    late = [f"{int(line[:9]) + years}{line[9:]}" for line in lines[501:]]
+    streams = read_text(tmp_path, "\n".join(lines[:501] + late) + "\n")
+    assert streams["imu"].num_rows == 1000
+    assert 40 <= streams["gnss"].num_rows <= 51  # 5 s at 10 Hz; a pause may cost or add a report at its ends
+    told = warnings_of(streams["metrics"])
+    assert told[0] == "no rows for 16 years after line 501: are these several drives?"
+
+
 def test_a_dropped_row_does_not_make_news_of_held_gnss(tmp_path: Path) -> None:
     rows = held(motion(400))
     rows[305] = rows[5]
@@ -455,15 +499,57 @@ def test_relative_times_that_contradict_the_timestamps_are_warned_of(tmp_path: P
     assert warnings_of(read_text(tmp_path, text_of(rows))["metrics"])[0].startswith("timestamp_rel differs")
 
 
-@pytest.mark.parametrize(("factor", "gravity"), [(G, 1.0), (1000.0, 0.001 * G)])
-def test_accelerations_that_are_not_in_g_are_warned_of(tmp_path: Path, factor: float, gravity: float) -> None:
+def scaled(factor: float) -> str:
     rows = motion(400)
     rows[:, 6:9] *= factor
     rows[:, 12] *= factor
-    text = text_of(rows)
-    assert any("'gravity'" in told for told in warnings_of(read_text(tmp_path, text)["metrics"]))
-    told = warnings_of(read_text(tmp_path, text, gravity=gravity)["metrics"])
+    return text_of(rows)
+
+
+def test_accelerations_that_are_not_in_g_are_warned_of(tmp_path: Path) -> None:
+    assert any("'gravity'" in told for told in warnings_of(read_text(tmp_path, scaled(G))["metrics"]))
+    told = warnings_of(read_text(tmp_path, scaled(G), gravity=1.0)["metrics"])
     assert not any("'gravity'" in text for text in told)
+
+
+def test_accelerations_that_no_vehicle_survives_are_another_unit(tmp_path: Path) -> None:
+    error = refusal(tmp_path, scaled(1000.0))
+    assert "az 100" in error.message
+    assert "'gravity'" in error.hint
+    told = warnings_of(read_text(tmp_path, scaled(1000.0), gravity=0.001 * G)["metrics"])
+    assert not any("'gravity'" in text or "outside" in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        (6, 90_000.0, "ax 90000 lies outside -1000 to 1000 g"),
+        (5, 1400.0, "speed 1400 lies outside 0 to 600 km/h"),
+        (5, -3.0, "speed -3 lies outside"),
+        (3, 99_999.0, "height 99999 lies outside -1000 to 10000 m"),
+        (9, np.inf, "gx inf lies outside"),
+    ],
+)
+def test_a_value_that_cannot_be_is_null_counted_and_told(tmp_path: Path, column: int, value: float, says: str) -> None:
+    rows = motion(400)
+    sound = read_text(tmp_path, text_of(rows))
+    rows[300, column] = value
+    streams = read_text(tmp_path, text_of(rows))
+    assert metric(streams, "values_outside_limits")["value"] == 1.0
+    (told,) = warnings_of(streams["metrics"])
+    assert f"{says}" in told
+    assert "in 1 of 400 rows, first in line 302" in told
+    # All other values are those of the sound log, and there is no other one instead.
+    nulls = sum(column.null_count for name in ("imu", "gnss") for column in streams[name].columns)
+    assert nulls == 1
+    assert time_ns(streams["imu"]).tolist() == time_ns(sound["imu"]).tolist()
+
+
+def test_limits_count_in_the_unit_that_the_parameters_tell(tmp_path: Path) -> None:
+    rows = motion(400)
+    rows[300, 5] = 300.0  # m/s: 1080 km/h
+    assert warnings_of(read_text(tmp_path, text_of(rows))["metrics"]) == []
+    assert "speed 1080" in warnings_of(read_text(tmp_path, text_of(rows), speed_unit="m/s")["metrics"])[0]
 
 
 def test_times_that_count_from_1970_are_warned_of(tmp_path: Path) -> None:
@@ -537,7 +623,7 @@ def test_a_header_with_columns_in_another_order_is_refused(tmp_path: Path) -> No
     ("content", "says"),
     [
         pytest.param(b"", "empty", id="empty"),
-        pytest.param(b" \n\n", "empty", id="blank"),
+        pytest.param(b" \n\n", "nothing but blanks", id="blank"),
         pytest.param(bytes(1000), "empty|not a text", id="zeros"),
         pytest.param(np.random.default_rng(3).bytes(5000), "not a text", id="random bytes"),
         pytest.param((HEAD + GOOD).encode("utf-16"), "UTF-16", id="utf-16"),
@@ -682,12 +768,58 @@ def test_it_is_fairly_sure_of_rows_with_plausible_times(rows: Array) -> None:
         pytest.param('[{"lat": 1, "lon": 2}]', id="JSON without times"),
         pytest.param((HEAD + GOOD).encode("utf-16"), id="utf-16"),
         pytest.param("4000000000 1 2 3\n", id="beyond 2100"),
+        pytest.param("timestamp ax ay az mood\n1 2 3 4 5\n", id="a header with another column"),
+        pytest.param(GOOD.replace("\t", "|"), id="bars"),
+        pytest.param('[{"lat": 1, "lon": 2, "speed": 3, "timestamp": "noon"}]', id="JSON with other times"),
     ],
 )
 def test_it_disclaims_other_files(text: str | bytes) -> None:
     assert confidence(text) == 0.0
 
 
-def test_it_doubts_unix_times() -> None:
-    text = (HEAD + GOOD).replace(str(T0), "1600000000")
-    assert 0.0 < confidence(text) < 0.5
+@pytest.mark.parametrize("first", ["0", "3600", "1600000000"])
+def test_a_clock_that_was_not_set_leaves_it_less_sure(first: str) -> None:
+    assert 0.5 <= confidence((HEAD + GOOD).replace(str(T0), first)) < 0.9
+    rows = text_of(motion(20, place=False), header="").replace(str(T0), first)
+    assert 0.5 <= confidence(rows) < 0.9
+    # Four columns of numbers may be anything.
+    assert 0.0 < confidence(GOOD.replace(str(T0), first)) < 0.5
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(lambda lines: [*lines[:9], "abc\t" * 10, *lines[10:]], id="text"),
+        pytest.param(lambda lines: [*lines[:9], "1\t2", *lines[10:]], id="short row"),
+        pytest.param(lambda lines: [*lines[:9], lines[9] + "\t5", *lines[10:]], id="long row"),
+        pytest.param(lambda lines: [*lines[:9], lines[3], *lines[10:]], id="time backward"),
+        pytest.param(lambda lines: [*lines[:9], lines[9].replace(str(T0), "900000000"), *lines[10:]], id="time late"),
+        pytest.param(lambda lines: [*lines[:9], lines[9].replace(str(T0), "\t"), *lines[10:]], id="no time"),
+    ],
+)
+@pytest.mark.parametrize("header", [None, ""])
+def test_a_fault_in_one_row_does_not_shake_it(fault: Any, header: str | None) -> None:
+    lines = text_of(motion(60, place=False), header=header).splitlines()
+    assert confidence("\n".join(fault(lines)) + "\n") >= 0.8
+
+
+def test_a_header_alone_is_recognised_whatever_follows() -> None:
+    assert confidence(HEAD) == 0.9
+    assert confidence(HEAD + GOOD.replace(".", ",")) == 0.9
+    assert confidence(HEAD + "1" * 70_000) == 0.9
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("time,ax,ay,az\n1,2,3,4\n", "commas part the columns, not tabs or spaces"),
+        ("1;2;3;4\n" * 300, "semicolons part the columns, not tabs or spaces"),
+        ("1|2|3|4\n" * 300, "vertical bars part the columns, not tabs or spaces"),
+        ((HEAD + GOOD).encode("utf-16"), "this is UTF-16 text: save it as ASCII or UTF-8"),
+        ("7" * 70_000, "a row of 1 column, where tabs or spaces part 4, 10 or 14 columns"),
+        ("9 2 3 4\n4 5 6 7\n", "its first column is no time that rises"),
+    ],
+)
+def test_its_reason_says_why_it_disclaims_a_file(text: str | bytes, reason: str) -> None:
+    head = (text.encode() if isinstance(text, str) else text)[:65536]
+    assert sniff(Path("any.name"), head).reason == reason
