@@ -1,4 +1,4 @@
-"""Placing streams: rows in time, attitude at the times of the imu, a trajectory on the Earth."""
+"""Placing streams: rows and silences in time, attitude at the times of the imu, a trajectory on the Earth."""
 
 from __future__ import annotations
 
@@ -11,11 +11,60 @@ from numpy.typing import NDArray
 from recon.errors import DataError
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic
 from recon.numerics.signals import runs
-from recon.rows import spans
+from recon.rows import Metric, spans, warning
 from recon.tables import Array, matrix, meta, replace, time_ns, with_meta
 
 EARTHS: Final = {"wgs84": WGS84, "sphere": SPHERE}
 """Figures of the Earth by the name that a stream's fact `earth` gives."""
+
+SHOWN_SILENCES: Final = 3
+
+
+def silent_steps(imu: pa.Table, max_gap: float, longest_gap: float) -> NDArray[np.bool_]:
+    """Steps between rows in which the imu tells nothing, because they are longer than max_gap: (n-1,) bool.
+
+    max_gap, longest_gap : s
+    raises : DataError where a step is longer than longest_gap, after which nothing of before would hold
+    """
+    t_ns = time_ns(imu)
+    step_ns = np.diff(t_ns)
+    if len(step_ns) and step_ns.max() > longest_gap * 1e9:
+        row = int(step_ns.argmax())
+        raise DataError(
+            f"the log has a hole: no imu for {_length(step_ns[row])} from {moment(t_ns, row)}",
+            "cut the log there and reconstruct its parts one by one, or raise longest_gap of the integrators "
+            f"({longest_gap:g} s)",
+        )
+    return np.asarray(step_ns > max_gap * 1e9)
+
+
+def silence_warnings(imu: pa.Table, silent: NDArray[np.bool_], assumed: str) -> list[Metric]:
+    """What a user must know of the silences of the imu: where they are, and what is assumed of them."""
+    t_ns, rows = time_ns(imu), np.flatnonzero(silent)
+    notes = [
+        f"no imu for {_length(t_ns[row + 1] - t_ns[row])} from {moment(t_ns, row)}: what happened there is unknown, "
+        f"{assumed}"
+        for row in rows[:SHOWN_SILENCES]
+    ]
+    if len(rows) > SHOWN_SILENCES:
+        total = _length(np.diff(t_ns)[rows].sum())
+        notes.append(f"no imu in {len(rows) - SHOWN_SILENCES} more gaps; {total} are missing in all")
+    return [warning(note) for note in notes]
+
+
+def _length(span_ns: np.int64) -> str:
+    """A span of time as people say it."""
+    span_s = float(span_ns) * 1e-9
+    for unit, of_s in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if span_s >= 2.0 * of_s:
+            return f"{span_s / of_s:.1f} {unit}"
+    return f"{span_s:.1f} s"
+
+
+def moment(t_ns: NDArray[np.int64], row: int) -> str:
+    """Time of a row, and how long that is after the first row."""
+    moment = str(t_ns[row].view("datetime64[ns]").astype("datetime64[ms]")).replace("T", " ")
+    return f"{moment} ({(t_ns[row] - t_ns[0]) * 1e-9:.1f} s after the first row)"
 
 
 def rows_during(table: pa.Table, events: pa.Table | None, kind: str) -> NDArray[np.intp]:

@@ -74,6 +74,10 @@ def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
 
 def _refuse_gaps(values: Array, table: pa.Table, name: str) -> None:
     missing = ~np.isfinite(values)
+    if missing.all() and len(values):
+        raise DataError(
+            f"column {name} holds no number in any of {len(values)} rows", "does the log measure it at all?"
+        )
     if missing.any():
         row = int(missing.argmax())
         when = f" ({_moment(table, row)})" if "time" in table.column_names else ""

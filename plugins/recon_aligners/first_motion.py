@@ -52,9 +52,15 @@ Complexes: TypeAlias = NDArray[np.complex128]
 class FirstMotionParams(Params):
     """Parameters of aligner.first_motion."""
 
-    distance: float = quantity(10.0, "m", gt=0, doc="How far from the first position the direction is taken.")
+    distance: float = quantity(
+        10.0, "m", gt=0, le=10_000, doc="How far from the first position the direction is taken."
+    )
     heading: float | None = quantity(
-        None, "deg", doc="Heading at the first record, clockwise from true north; none finds it from GNSS positions."
+        None,
+        "deg",
+        ge=-360,
+        le=360,
+        doc="Heading at the first record, clockwise from true north; none finds it from GNSS positions.",
     )
 
 

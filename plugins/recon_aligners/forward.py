@@ -53,6 +53,8 @@ STEP_S = 0.1
 LAGS_S = np.arange(0.0, 1.21, 0.05)
 MAX_GAP_S = 2.0
 """Speeds further apart are not joined."""
+MAX_SILENCE_S = 0.5
+"""No window holds a longer gap of imu."""
 LAUNCH_S = (-1.0, 3.0)
 """Span about the end of a stop in which the vehicle sets off; detectors fed by a late GNSS tell the end late."""
 
@@ -61,12 +63,16 @@ class ForwardParams(Params):
     """Parameters of aligner.forward."""
 
     angle: float | None = quantity(
-        None, "deg", doc="Yaw of the box in the vehicle, positive to the left; none finds it from the drive."
+        None,
+        "deg",
+        ge=-360,
+        le=360,
+        doc="Yaw of the box in the vehicle, positive to the left; none finds it from the drive.",
     )
-    window: float = quantity(1.0, "s", gt=0, doc="Time over which accelerations are averaged.")
-    straight: float = quantity(2.0, "deg/s", gt=0, doc="Road is straight where the yaw rate stays below this.")
-    acceleration: float = quantity(0.5, "m/s^2", gt=0, doc="Smallest change of speed that tells a direction.")
-    duration: float = quantity(3.0, "s", gt=0, doc="How long the vehicle must so change its speed in all.")
+    window: float = quantity(1.0, "s", gt=0, le=60, doc="Time over which accelerations are averaged.")
+    straight: float = quantity(2.0, "deg/s", gt=0, le=360, doc="Road is straight where the yaw rate stays below this.")
+    acceleration: float = quantity(0.5, "m/s^2", gt=0, le=100, doc="Smallest change of speed that tells a direction.")
+    duration: float = quantity(3.0, "s", gt=0, le=3600, doc="How long the vehicle must so change its speed in all.")
     correlation: float = setting(0.7, gt=0, lt=1, doc="Smallest correlation of acceleration with the change of speed.")
 
 
@@ -150,13 +156,20 @@ def _straight_windows(imu: pa.Table, params: ForwardParams) -> Windows:
     t_s = seconds(imu)
     span = float(t_s[-1]) if len(t_s) else 0.0
     if span <= params.window:
-        raise _not_enough("time in imu", f"{params.window:g} s", f"{span:g} s")
-    half = params.window / 2.0
-    middle_s = np.arange(half, span - half, STEP_S)
+        raise _not_enough("time in imu", f"{params.window:g} s", f"{span:g} s in {len(t_s)} rows")
+    middle_s = _middles(t_s, params.window)
     accel_l = _means(t_s, matrix(imu, "accel")[:, :2], middle_s, params.window)
     yaw_rate = _means(t_s, vector(imu, "gyro_z")[:, None], middle_s, params.window)[:, 0]
     straight = np.abs(yaw_rate) < params.straight
     return Windows(middle_s[straight], accel_l[straight])
+
+
+def _middles(t_s: Floats, window: float) -> Floats:
+    """Middles (m,) s of the windows, STEP_S apart, that fit between the gaps of t_s (n,) s."""
+    gaps = np.flatnonzero(np.diff(t_s) > MAX_SILENCE_S)
+    starts, ends = t_s[np.append(0, gaps + 1)], t_s[np.append(gaps, len(t_s) - 1)]
+    half = window / 2.0
+    return np.concatenate([np.arange(a + half, b - half, STEP_S) for a, b in zip(starts, ends, strict=True)])
 
 
 def _means(t_s: Floats, y: Floats, middle_s: Floats, window: float) -> Floats:
@@ -191,8 +204,18 @@ def _by_speed(windows: Windows, fix_s: Floats, speed: Floats, params: ForwardPar
         if found is not None and (best is None or found.correlation > best.correlation):
             best, best_rate = found, rate[known]
     if best is None:
-        raise _not_enough("speeds while imu runs", "3", "fewer")
+        raise _no_speeds(windows, fix_s, speed)
     return best, best_rate
+
+
+def _no_speeds(windows: Windows, fix_s: Floats, speed: Floats) -> NotEnoughData:
+    """Why there is nothing to regress on: GNSS at other times, hardly a speed, or always the same one."""
+    known = speed[np.isfinite(speed)]
+    if len(known) and np.ptp(known) == 0.0:
+        return _not_enough("changes of gnss speed", "a drive", f"{known[0] * 3.6:g} km/h throughout")
+    until = windows.middle_s.max(initial=0.0)
+    span = f" from {fix_s[0]:.0f} to {fix_s[-1]:.0f} s" if len(fix_s) else ""
+    return _not_enough("gnss speeds while imu runs", f"3 from 0 to {until:.0f} s", f"{len(known)}{span}")
 
 
 def _regress(accel_l: Floats, rate: Floats, window: float, lag: float) -> Direction | None:
@@ -275,5 +298,6 @@ def declare_aligners() -> Iterable[Aligner]:
         },
         writes={"imu": Change(frames={"accel": "vehicle", "gyro": "vehicle"})},
         run=forward,
+        rotation=True,
         references=("Thesis, sections 4.5 and 5.2",),
     )

@@ -30,6 +30,8 @@ from recon import (
     quantity,
     replace,
     seconds,
+    spans,
+    time_ns,
     warning,
 )
 from recon.errors import DataError, NotEnoughData
@@ -40,28 +42,28 @@ UP = np.array([0.0, 0.0, 1.0])
 LEAST_GRAVITY = 5.0
 """m/s^2; a box that feels less than about half of gravity at rest has lost it to its own software."""
 SHOWN_WARNINGS = 3
+FEWEST_ROWS = 10
+"""An imu with fewer rows is no log of a drive."""
 
 
 class LevelParams(Params):
     """Parameters of aligner.level_at_stops."""
 
     tolerance: float = quantity(
-        3.0, "deg", gt=0, doc="A later stop at which the vertical differs by more than this gives a warning."
+        3.0, "deg", gt=0, le=180, doc="A later stop at which the vertical differs by more than this gives a warning."
     )
 
 
 def level(*, imu: pa.Table, events: pa.Table, params: LevelParams) -> Streams:
     """Turn accel and gyro so that the specific force of the first stop points to +z.
 
-    Raises NotEnoughData where the vehicle never stands, DataError where the box feels no gravity.
+    Raises NotEnoughData where the vehicle never stands, DataError where it stands only while imu is silent or where
+    the box feels no gravity.
     """
     accel = matrix(imu, "accel")
     stops = rows_during(imu, events, "standstill")
     if not len(stops):
-        raise NotEnoughData(
-            "stops", needed="one standstill", found="none",
-            hint="relax the thresholds of the standstill detector, or log a few seconds at rest",
-        )  # fmt: skip
+        raise _no_stop(imu, events)
     force_s = np.array([accel[start:stop].mean(axis=0) for start, stop in stops])
     gravity = float(np.linalg.norm(force_s[0]))
     if gravity < LEAST_GRAVITY:
@@ -79,6 +81,28 @@ def level(*, imu: pa.Table, events: pa.Table, params: LevelParams) -> Streams:
     learnt += _disagreements(seconds(imu)[stops[:, 0]], rotate(q_ls, force_s), params.tolerance)
     turned = {"accel": rotate(q_ls, accel), "gyro": rotate(q_ls, matrix(imu, "gyro"))}
     return {"imu": replace(imu, **turned), "metrics": metrics(learnt)}
+
+
+def _no_stop(imu: pa.Table, events: pa.Table) -> DataError:
+    """Why there is no row at rest: too few rows, standstills at other times than the imu, or no standstill."""
+    t_ns, found = time_ns(imu), np.array(spans(events, "standstill"), dtype=np.int64)
+    if len(t_ns) < FEWEST_ROWS:
+        hint = "a log must begin with some seconds at rest and then hold a drive"
+        return NotEnoughData("rows in imu", needed=f"at least {FEWEST_ROWS}", found=str(len(t_ns)), hint=hint)
+    if len(found):
+        return DataError(
+            f"{len(found)} standstills were found, none while imu runs: imu from {_day_time(t_ns[0])} to "
+            f"{_day_time(t_ns[-1])}, standstills from {_day_time(found.min())} to {_day_time(found.max())}",
+            "gnss and imu overlap nowhere there: is it the same drive, and do their clocks agree?",
+        )
+    return NotEnoughData(
+        "stops", needed="one standstill", found="none",
+        hint="relax the thresholds of the standstill detector, or log a few seconds at rest",
+    )  # fmt: skip
+
+
+def _day_time(t_ns: np.int64) -> str:
+    return str(t_ns.view("datetime64[ns]").astype("datetime64[s]")).replace("T", " ")
 
 
 def _disagreements(start_s: NDArray[np.float64], force_l: Floats, tolerance: float) -> list[Metric]:
@@ -111,5 +135,6 @@ def declare_aligners() -> Iterable[Aligner]:
         },
         writes={"imu": Change(frames={"accel": "level", "gyro": "level"})},
         run=level,
+        rotation=True,
         references=("Thesis, section 4.4",),
     )

@@ -43,8 +43,10 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 class ShockParams(Params):
     """Parameters of detector.shock."""
 
-    threshold: float = quantity(2.0, "g", gt=0, doc="Deviation of the specific force from gravity that is a crash.")
-    merge: float = quantity(0.5, "s", ge=0, doc="Exceedances up to this far apart are one crash.")
+    threshold: float = quantity(
+        2.0, "g", gt=0, le=1000, doc="Deviation of the specific force from gravity that is a crash."
+    )
+    merge: float = quantity(0.5, "s", ge=0, le=3600, doc="Exceedances up to this far apart are one crash.")
     cut: bool = setting(False, doc="Drop the rows of imu and gnss after the end of the first crash.")
 
 

@@ -7,6 +7,9 @@ are of second order at irregular times; none is taken across an outage, where ve
 own velocity comes from the Doppler shift: it is less noisy than differences of positions, but many receivers filter
 it and report it late.
 
+Positions that a logger repeats between two reports, and those that no vehicle could have driven through, are left out
+(null): see _plausible.py. A derived speed that disagrees strongly with the reported one gives a warning.
+
 References
     Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., eq. 2.112
     and 2.158: the local frame.
@@ -46,8 +49,11 @@ from recon import (
     warning,
     with_meta,
 )
+from recon.agreement import agreement, as_metrics
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodetic_to_enu
 from recon.numerics.signals import differentiate
+from recon.placing import moment
+from recon_filters._plausible import drivable, reported
 
 _EARTHS = {"wgs84": WGS84, "sphere": SPHERE}
 _ADDED = ("pos", "vel", "acc")
@@ -62,7 +68,12 @@ class GnssKinematicsParams(Params):
     velocity: Literal["derived", "reported"] = setting(
         "derived", doc="From differences of positions, or as the receiver reports it (vel, else speed and course)."
     )
-    max_gap: float = quantity(1.5, "s", gt=0, doc="Fixes further apart are an outage, across which nothing is derived.")
+    max_gap: float = quantity(
+        1.5, "s", gt=0, le=3600, doc="Fixes further apart are an outage, across which nothing is derived."
+    )
+    max_speed: float = quantity(
+        400.0, "km/h", gt=0, le=1e5, doc="Positions that could only be reached faster are left out."
+    )
 
 
 def gnss_kinematics(*, gnss: pa.Table, params: GnssKinematicsParams) -> Streams:
@@ -75,9 +86,11 @@ def gnss_kinematics(*, gnss: pa.Table, params: GnssKinematicsParams) -> Streams:
     fixed = _fixed(gnss)
     if not fixed.any():
         return _without_positions(gnss)
-    anchor, pos, notes = _positions(gnss, fixed, params)
     t_ns, gap_ns = time_ns(gnss), round(params.max_gap * 1e9)
-    vel, more_notes = _velocities(gnss, _derivative(t_ns, pos, gap_ns), params)
+    fixed, left_out = _believed(gnss, fixed, params)
+    anchor, pos, notes = _positions(gnss, fixed, params)
+    derived = _derivative(t_ns, pos, gap_ns)
+    vel, more_notes = _velocities(gnss, derived, params)
     acc = _derivative(t_ns, vel, gap_ns)
     learnt = [
         Metric("anchor_lat", anchor.lat, "deg"),
@@ -88,7 +101,7 @@ def gnss_kinematics(*, gnss: pa.Table, params: GnssKinematicsParams) -> Streams:
         Metric("velocities", float(np.isfinite(vel).all(axis=1).sum()), note=f"of {len(fixed)} rows"),
     ]
     moved = with_meta(replace(gnss, pos=pos, vel=vel, acc=acc), anchor=dataclasses.asdict(anchor), earth=params.earth)
-    return {"gnss": moved, "metrics": metrics([*learnt, *notes, *more_notes])}
+    return {"gnss": moved, "metrics": metrics([*learnt, *left_out, *notes, *more_notes, *_compared(gnss, derived)])}
 
 
 def _fixed(gnss: pa.Table) -> NDArray[np.bool_]:
@@ -99,6 +112,44 @@ def _fixed(gnss: pa.Table) -> NDArray[np.bool_]:
     if "fix" in gnss.column_names:
         fixed &= ~(vector(gnss, "fix", gaps=True) < _TWO_DIMENSIONAL)
     return np.asarray(fixed)
+
+
+def _believed(
+    gnss: pa.Table, fixed: NDArray[np.bool_], params: GnssKinematicsParams
+) -> tuple[NDArray[np.bool_], list[Metric]]:
+    """The rows with a newly reported position that can be driven through, and what was left out."""
+    t_ns, rows = time_ns(gnss), np.flatnonzero(fixed)
+    place = np.column_stack([vector(gnss, name, gaps=True)[rows] for name in ("lat", "lon")])
+    new = reported(t_ns[rows], place, round(params.max_gap * 1e9))
+    held, rows = int((~new).sum()), rows[new]
+    _, pos, _ = _positions(gnss, _mask(rows, len(t_ns)), params)
+    good = drivable((t_ns[rows] - t_ns[rows[0]]) * 1e-9, pos[rows], params.max_speed)
+    learnt = [Metric("positions_repeated", float(held), note="between two reports: left out")]
+    learnt.append(Metric("positions_impossible", float((~good).sum()), note="too far apart in too short a time"))
+    if not good.all():
+        bad = rows[~good]
+        learnt.append(
+            warning(
+                f"{len(bad)} of {len(rows)} gnss positions can only be reached faster than "
+                f"{params.max_speed * 3.6:g} km/h and are left out, first at {moment(t_ns, int(bad[0]))}"
+            )
+        )
+    return _mask(rows[good], len(t_ns)), learnt
+
+
+def _mask(rows: NDArray[np.intp], n: int) -> NDArray[np.bool_]:
+    mask = np.zeros(n, dtype=bool)
+    mask[rows] = True
+    return mask
+
+
+def _compared(gnss: pa.Table, derived: Array) -> list[Metric]:
+    """How the speed of the positions compares with the one that the receiver reports."""
+    if not has(gnss, "speed"):
+        return []
+    t_ns, speed = time_ns(gnss), np.hypot(derived[:, 0], derived[:, 1])
+    found = agreement(t_ns, speed, t_ns, vector(gnss, "speed", gaps=True))
+    return as_metrics(found, "the speed of gnss positions", "the reported gnss speed")
 
 
 def _without_positions(gnss: pa.Table) -> Streams:

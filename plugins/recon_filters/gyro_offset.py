@@ -129,4 +129,5 @@ def declare_filters() -> Iterable[Filter]:
         reads={"imu": IMU.need("gyro"), "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"imu": SAME},
         run=gyro_offset,
+        linear=True,
     )

@@ -45,9 +45,9 @@ class MovingAverageParams(Params):
     """Parameters of filter.moving_average."""
 
     window: float = quantity(
-        0.05, "s", gt=0, doc="Width of the window. A wide one flattens peaks and shows a pulse before it begins."
+        0.05, "s", gt=0, le=60, doc="Width of the window. A wide one flattens peaks and shows a pulse before it begins."
     )
-    max_gap: float = quantity(0.5, "s", gt=0, doc="A longer gap between samples is not averaged across.")
+    max_gap: float = quantity(0.5, "s", gt=0, le=3600, doc="A longer gap between samples is not averaged across.")
 
 
 def moving_average(*, imu: pa.Table, params: MovingAverageParams) -> Streams:
@@ -91,4 +91,6 @@ def declare_filters() -> Iterable[Filter]:
         reads={"imu": IMU.need("accel", "gyro")},
         writes={"imu": SAME},
         run=moving_average,
+        linear=True,
+        unit_gain=True,
     )

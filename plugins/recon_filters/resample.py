@@ -6,6 +6,10 @@ Loggers that write one sensor per row leave the others empty: here each group is
 The time base is that of the imu, or a regular grid from its first row on. Angles take the short way around the
 circle, counts and codes hold their last value. Nothing is invented: no value outside the span of a group's samples,
 none inside a gap longer than `max_gap`.
+
+A grid slower than the samples of a column would fold vibration into the band that it keeps. There the value is the
+mean of y over one period of the grid about t: the integral, which is what is wanted of an imu, is conserved, and what
+is folded is damped by sinc(f / rate), by 13 dB at least beyond the new rate. The columns of gnss are never averaged.
 """
 
 from __future__ import annotations
@@ -37,54 +41,90 @@ from recon import (
     vector,
     warning,
 )
-from recon.numerics.signals import bracket, interpolate, interpolate_angle
+from recon.errors import DataError
+from recon.numerics.signals import bracket, interpolate, interpolate_angle, interval_mean, median_rate
+from recon.schema import spread
 
 Times = NDArray[np.int64]
 
 _TURNS = {"course": (2.0 * np.pi, 0.0), "lon": (360.0, -180.0)}
 """Angles: a full turn and the lowest value, both in the unit of the column."""
+SLOWER = 0.9
+"""A grid whose rate is below this share of that of the samples is a slower one: clocks jitter by some per cent."""
+MOST_ROWS = 50_000_000
+MOST_GROWTH = 100
+"""A grid of more rows, or of so many times those of the log, is refused: it fills the memory and tells nothing new."""
 
 
 class ResampleParams(Params):
     """Parameters of filter.resample."""
 
-    rate: float | None = quantity(None, "Hz", gt=0, doc="Rate of a regular grid; none keeps the times of the imu.")
+    rate: float | None = quantity(
+        None, "Hz", ge=0.01, le=10_000, doc="Rate of a regular grid; none keeps the times of the imu."
+    )
     gnss: bool = setting(False, doc="Bring gnss onto the same times as well.")
-    max_gap: float = quantity(1.5, "s", gt=0, doc="Longest gap between two samples that is interpolated.")
+    max_gap: float = quantity(
+        0.5, "s", gt=0, le=3600, doc="Longest gap between two samples of imu that is interpolated."
+    )
+    gnss_max_gap: float = quantity(
+        1.5, "s", gt=0, le=3600, doc="Longest gap between two rows of gnss that is interpolated."
+    )
 
 
 def resample(*, imu: pa.Table, gnss: pa.Table | None, params: ResampleParams) -> Streams:
     """The imu complete in every row; gnss untouched, or on the times of the imu and null where unknown.
 
     imu : accel m/s^2, gyro rad/s, any frame; null where the other one was measured. Rows that stay incomplete, at
-        the ends and in gaps, are dropped. A group without any value stays null and drops nothing.
+        the ends and in gaps, are dropped. A group with an axis without any value drops nothing.
     gnss : any columns
+    Raises DataError where the grid would have far more rows than the log.
     """
-    gap_ns = round(params.max_gap * 1e9)
-    groups = [group for group in ("accel", "gyro") if has(imu, group)]
-    notes = [warning(f"imu has no {group}: it stays empty") for group in ("accel", "gyro") if group not in groups]
+    gap_ns, gnss_gap_ns = round(params.max_gap * 1e9), round(params.gnss_max_gap * 1e9)
     given = time_ns(imu)
     t_ns = given if params.rate is None else _grid(given, params.rate, gap_ns)
-    filled = _onto(t_ns, imu, gap_ns)
+    filled = _onto(t_ns, imu, gap_ns, params.rate)
+    groups = [group for group in ("accel", "gyro") if has(imu, group)]
     complete = np.ones(len(t_ns), dtype=bool)
     for group in groups:
         complete &= np.isfinite(matrix(filled, group, gaps=True)).all(axis=1)
-        measured = int(np.isfinite(matrix(imu, group, gaps=True)).all(axis=1).sum())
-        notes.append(Metric(f"{group}_samples", float(measured), note=f"measured in {imu.num_rows} rows"))
     streams = {"imu": select_rows(filled, complete)}
     if gnss is not None:
-        streams["gnss"] = _onto(t_ns[complete], gnss, gap_ns) if params.gnss else gnss
+        streams["gnss"] = _onto(t_ns[complete], gnss, gnss_gap_ns) if params.gnss else gnss
     learnt = [
         Metric("rows", float(complete.sum()), method="times of imu" if params.rate is None else f"{params.rate:g} Hz"),
         Metric("rows_dropped", float((~complete).sum()), note="at the ends and in gaps"),
+        *(row for group in ("accel", "gyro") for row in _completed(imu, group)),
     ]
-    return {**streams, "metrics": metrics([*learnt, *notes])}
+    return {**streams, "metrics": metrics(learnt)}
+
+
+def _completed(imu: pa.Table, group: str) -> list[Metric]:
+    """How much of a group was measured, and how much of it is filled in between, axis by axis."""
+    values = matrix(imu, group, gaps=True)
+    blank = ~np.isfinite(values)
+    names = spread(group, imu.column_names)
+    empty = [f"imu.{name}" for name, column in zip(names, blank.T, strict=True) if column.all()]
+    if len(empty) == len(names):
+        return [warning(f"imu has no {group}: it stays empty")]
+    if empty:
+        return [warning(f"{' and '.join(empty)} holds no number: {group} stays incomplete")]
+    measured = Metric(f"{group}_samples", float((~blank).all(axis=1).sum()), note=f"measured in {len(values)} rows")
+    partly = blank & ~blank.all(axis=1, keepdims=True)
+    return [
+        measured,
+        *(
+            Metric(f"{name}_filled", float(column.sum()), note="rows in which other axes are measured: interpolated")
+            for name, column in zip(names, partly.T, strict=True)
+            if column.any()
+        ),
+    ]
 
 
 def _grid(t_ns: Times, rate: float, gap_ns: int) -> Times:
     """Multiples of the period after the first time, where the times leave no gap: (m,) ns.
 
-    Each time is rounded to a nanosecond by itself, so that errors do not add up.
+    Each time is rounded to a nanosecond by itself, so that errors do not add up. Raises DataError on a grid that is
+    far longer than the times.
     """
     if not len(t_ns):
         return t_ns
@@ -93,26 +133,39 @@ def _grid(t_ns: Times, rate: float, gap_ns: int) -> Times:
     breaks = np.flatnonzero(np.diff(since) > gap_ns)
     first = np.ceil(since[np.concatenate(([0], breaks + 1))] / period).astype(np.int64)
     last = np.floor(since[np.concatenate((breaks, [len(since) - 1]))] / period).astype(np.int64)
+    rows, most = int((last - first + 1).sum()), max(len(t_ns), min(MOST_ROWS, MOST_GROWTH * len(t_ns)))
+    if rows > most:
+        raise DataError(
+            f"a grid of {rate:g} Hz would have {rows:,} rows where imu has {len(t_ns):,}",
+            f"lower the rate: the imu itself has {median_rate(t_ns):.1f} Hz",
+        )
     counts = np.concatenate([np.arange(a, b + 1) for a, b in zip(first, last, strict=True)])
     return np.asarray(t_ns[0] + np.rint(counts * period).astype(np.int64))
 
 
-def _onto(t_new: Times, table: pa.Table, gap_ns: int) -> pa.Table:
-    """The table on other times: (m,) ns. Its columns, fields and metadata are kept."""
+def _onto(t_new: Times, table: pa.Table, gap_ns: int, rate: float | None = None) -> pa.Table:
+    """The table on other times: (m,) ns; its columns, fields and metadata are kept.
+
+    rate : Hz of the grid that t_new is, onto which faster columns are averaged; None only interpolates
+    """
     t = time_ns(table)
     arrays = []
     for field in table.schema:
         if field.name == "time":
             arrays.append(times(t_new))
         elif pa.types.is_floating(field.type):
-            values = _column(t_new, t, vector(table, field.name, gaps=True), field.name, gap_ns)
+            values = vector(table, field.name, gaps=True)
+            if rate is not None and rate < SLOWER * median_rate(t[~np.isnan(values)]):
+                values = interval_mean(t_new, t, values, 1.0 / rate, gap_ns * 1e-9)
+            else:
+                values = _interpolated(t_new, t, values, field.name, gap_ns)
             arrays.append(pa.array(values, type=field.type, from_pandas=True))
         else:
             arrays.append(_held(t_new, t, table[field.name], gap_ns))
     return pa.Table.from_arrays(arrays, schema=table.schema)
 
 
-def _column(t_new: Times, t: Times, values: Array, name: str, gap_ns: int) -> Array:
+def _interpolated(t_new: Times, t: Times, values: Array, name: str, gap_ns: int) -> Array:
     if name not in _TURNS:
         return interpolate(t_new, t, values, gap_ns)
     turn, lowest = _TURNS[name]
@@ -142,4 +195,7 @@ def declare_filters() -> Iterable[Filter]:
         reads={"imu": IMU.need("accel", "gyro"), "gnss": GNSS.need(optional=True)},
         writes={"imu": SAME, "gnss": SAME},
         run=resample,
+        linear=True,
+        unit_gain=True,
+        resamples=True,
     )

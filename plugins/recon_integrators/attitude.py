@@ -5,6 +5,8 @@
 The integral follows the chosen rule; the second term (Bortz) is what the turning of the axis of rotation within the
 step adds, without which no rule is better than order 2.
 
+Over a gap longer than `max_gap` the turn is unknown: the attitude is held, and a warning tells where.
+
 References
     Thesis, sections 2.1 and 5.1.
     Bortz (1971), "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES 7(1), 61-66.
@@ -29,6 +31,7 @@ from recon import (
     matrix,
     meta,
     metrics,
+    quantity,
     seconds,
     setting,
     time_ns,
@@ -38,24 +41,31 @@ from recon import (
 from recon.errors import DataError, NotEnoughData
 from recon.numerics.integration import Rule, increments
 from recon.numerics.rotation import Floats, compose, from_euler, from_rotvec, yaw_from_heading
+from recon.placing import silence_warnings, silent_steps
 
 
 class AttitudeParams(Params):
     """Parameters of integrator.attitude."""
 
     rule: Rule = setting("parabola", doc="Quadrature of the angular rate between samples.")
+    max_gap: float = quantity(0.5, "s", gt=0, le=3600, doc="Over a longer gap in imu the attitude is held.")
+    longest_gap: float = quantity(10.0, "min", gt=0, le=1e6, doc="A log with a longer gap is refused: cut it there.")
 
 
 def integrate_attitude(*, imu: pa.Table, attitude: pa.Table | None, params: AttitudeParams) -> Streams:
     """Attitude of the vehicle at every row of imu, from the one at the first row.
 
     attitude : its first row is where the integration starts; None starts level and facing north
-    Raises NotEnoughData where imu is empty, DataError where attitude does not start with imu.
+    Raises NotEnoughData where imu is empty, DataError where attitude does not start with imu or where imu has a gap
+    longer than longest_gap.
     """
     if not imu.num_rows:
         raise NotEnoughData("rows in imu", needed="1", found="0")
+    silent = silent_steps(imu, params.max_gap, params.longest_gap)
     q_start, notes = _start(imu, attitude)
+    notes += silence_warnings(imu, silent, "the attitude is held")
     turns = _turns(seconds(imu), matrix(imu, "gyro"), params.rule)
+    turns[silent] = 0.0
     table = build(ATTITUDE, time=time_ns(imu), q=compose(from_rotvec(turns), q_start))
     return {"attitude": with_meta(table, **meta(imu)), "metrics": metrics(notes)}
 
@@ -89,5 +99,6 @@ def declare_integrators() -> Iterable[Integrator]:
         reads={"imu": IMU.need("gyro", frame="vehicle"), "attitude": ATTITUDE.need("q", optional=True)},
         writes={"attitude": ATTITUDE},
         run=integrate_attitude,
+        order=3,
         references=("Thesis, section 5.1", "Bortz (1971), IEEE Trans. AES 7(1), 61-66"),
     )

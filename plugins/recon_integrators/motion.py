@@ -10,6 +10,11 @@ each stop (its slope is the error of the acceleration then) joined by straight l
 The line rather than the mean of the stop makes c meet the velocity where a long stop ends; a fit rather than the last
 sample bears detectors that, with a late GNSS speed, tell the end of a stop some tenths of a second too late.
 
+What a vehicle does in a gap longer than `max_gap` is unknown: the velocity is held, the position goes on with it, and
+a warning tells where. Where the next stop shows that the velocity was wrong, a second of a gap takes as much of the
+blame as twenty seconds of the record: an unknown acceleration is of the order of 1 m/s^2, the error of a measured one
+of 0.05 m/s^2. A gap between two stops that adjoin it is part of the stop.
+
 References
     Thesis, chapters 2.1 and 6.
 """
@@ -17,6 +22,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -38,6 +45,7 @@ from recon import (
     matrix,
     meta,
     metrics,
+    quantity,
     seconds,
     setting,
     time_ns,
@@ -47,10 +55,12 @@ from recon import (
 from recon.errors import NotEnoughData
 from recon.numerics.integration import Rule, cumulative
 from recon.numerics.rotation import Floats, rotate
-from recon.placing import anchor_of, attitude_of, geolocate, rows_during
+from recon.placing import anchor_of, attitude_of, geolocate, rows_during, silence_warnings, silent_steps
 
-AT_START_S = 1.0
-"""A stop that begins within this of the first record is one at which the record begins."""
+BESIDE_S = 1.0
+"""A stop within this of the first record, or of a gap, is one at which the record begins, or breaks off."""
+BLAME = 20.0
+"""Error of velocity that a second in a gap brings, relative to a second of the record."""
 
 
 class MotionParams(Params):
@@ -58,6 +68,8 @@ class MotionParams(Params):
 
     rule: Rule = setting("parabola", doc="Quadrature of acceleration and velocity between samples.")
     zero_at_stops: bool = setting(True, doc="Take off what the velocity shows at stops; false integrates plainly.")
+    max_gap: float = quantity(0.5, "s", gt=0, le=3600, doc="Over a longer gap in imu the velocity is held.")
+    longest_gap: float = quantity(10.0, "min", gt=0, le=1e6, doc="A log with a longer gap is refused: cut it there.")
 
 
 def integrate_motion(
@@ -71,19 +83,21 @@ def integrate_motion(
     """Trajectory of the origin of the IMU.
 
     gnss : its first position and, where the record does not begin with a stop, its first velocity are passed through
-    Raises NotEnoughData where imu is empty, DataError where attitude is not given at the times of imu.
+    Raises NotEnoughData where imu is empty, DataError where attitude is not given at the times of imu or where imu
+    has a gap longer than longest_gap.
     """
     if not imu.num_rows:
         raise NotEnoughData("rows in imu", needed="1", found="0")
+    silent = silent_steps(imu, params.max_gap, params.longest_gap)
     t_s, accel_v, q_nv = seconds(imu), matrix(imu, "accel"), attitude_of(imu, attitude)
     stops = rows_during(imu, events, "standstill")
-    vel_n = cumulative(t_s, rotate(q_nv, accel_v), params.rule)
-    learnt: list[Metric] = []
-    if not (len(stops) and (params.zero_at_stops or t_s[stops[0, 0]] <= AT_START_S)):
+    vel_n = cumulative(t_s, rotate(q_nv, accel_v), params.rule, held=silent)
+    learnt = silence_warnings(imu, silent, "the velocity is held")
+    if not (len(stops) and (params.zero_at_stops or t_s[stops[0, 0]] <= BESIDE_S)):
         vel_n, notes = _through_first_velocity(imu, vel_n, gnss)
         learnt += notes
     if params.zero_at_stops and len(stops):
-        vel_n, largest = zero_at_stops(t_s, vel_n, stops)
+        vel_n, largest = zero_at_stops(t_s, vel_n, stops, silent)
         learnt.append(Metric("largest_velocity_error_at_a_stop", largest, "m/s", method=f"{len(stops)} stops"))
     pos_n = _through_first(imu, cumulative(t_s, vel_n, params.rule), gnss, "pos")
     if anchor_of(gnss) is None:
@@ -92,21 +106,39 @@ def integrate_motion(
     return {"trajectory": geolocate(with_meta(table, **meta(imu)), gnss), "metrics": metrics(learnt)}
 
 
-def zero_at_stops(t_s: Floats, vel_n: Floats, stops: NDArray[np.intp]) -> tuple[Floats, float]:
+def zero_at_stops(
+    t_s: Floats, vel_n: Floats, stops: NDArray[np.intp], silent: NDArray[np.bool_]
+) -> tuple[Floats, float]:
     """Velocity with zeros at the stops, and the length of the largest error that it showed at one.
 
     t_s : (n,) s; vel_n : (n, 3) m/s, local; stops : (m, 2) start and stop row of each stop, half-open
+    silent : (n-1,) bool, steps in which the velocity was held
     returns : (n, 3) m/s, local; m/s
     """
-    last = stops[:, 1] - 1
-    nodes = np.column_stack([stops[:, 0], last])
-    error_n = np.array([_line_ends(t_s[a:b], vel_n[a:b]) for a, b in stops])
-    error_n = error_n.reshape(-1, 3)
-    taken_off = np.column_stack([np.interp(t_s, t_s[nodes.ravel()], column) for column in error_n.T])
+    stops = _split(stops, np.flatnonzero(silent) + 1)
+    first, last = stops[:, 0], stops[:, 1] - 1
+    told_s = _since_first(np.where(silent, 0.0, np.diff(t_s)))
+    blame_s = told_s + BLAME * (t_s - t_s[0] - told_s)
+    error_n = np.array([_line_ends(t_s[a:b], vel_n[a:b]) for a, b in stops]).reshape(-1, 3)
+    nodes = np.column_stack([first, last]).ravel()
+    taken_off = np.column_stack([np.interp(blame_s, blame_s[nodes], column) for column in error_n.T])
+    gaps = _since_first(silent)
+    through = (told_s[first[1:]] - told_s[last[:-1]] <= BESIDE_S) & (gaps[first[1:]] > gaps[last[:-1]])
     corrected = vel_n - taken_off
-    for start, stop in stops:
+    for start, stop in (*stops, *zip(last[:-1][through], first[1:][through], strict=True)):
         corrected[start:stop] = 0.0
     return corrected, float(np.linalg.norm(error_n, axis=1).max())
+
+
+def _split(stops: NDArray[np.intp], cuts: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The runs of rows (m, 2), each cut where it holds a row of `cuts`: the line of a stop does not cross a gap."""
+    inside = [[start, *cuts[(cuts > start) & (cuts < stop)], stop] for start, stop in stops]
+    return np.array([piece for edges in inside for piece in pairwise(edges)], dtype=np.intp)
+
+
+def _since_first(steps: NDArray[Any]) -> NDArray[Any]:
+    """Sum (n,) of the steps (n-1,) before each row."""
+    return np.concatenate(([0], np.cumsum(steps)))
 
 
 def _line_ends(t_s: Floats, y: Floats) -> Floats:
@@ -157,5 +189,6 @@ def declare_integrators() -> Iterable[Integrator]:
         },
         writes={"trajectory": TRAJECTORY},
         run=integrate_motion,
+        order=3,
         references=("Thesis, sections 2.1 and 6",),
     )

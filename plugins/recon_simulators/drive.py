@@ -353,6 +353,7 @@ def declare_simulators() -> Iterable[Simulator]:
         summary="A drive with known truth, as an IMU and a GNSS receiver log it.",
         params=DriveParams,
         run=simulate_drive,
+        ideal={"sensors": "perfect"},
         writes={
             "imu": IMU.only("accel", "gyro"),
             "gnss": GNSS.only(

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recon.numerics.integration import cumulative
+
 Floats = NDArray[np.float64]
 Times = NDArray[Any]
 """float64 s or int64 ns."""
@@ -176,6 +178,48 @@ def interpolate(t_new: ArrayLike, t: ArrayLike, y: ArrayLike, max_gap: float | N
         if known.any():
             target[:] = _interpolate_known(t_new, t[known], column[known], max_gap)
     return result
+
+
+def interval_mean(t_new: ArrayLike, t_ns: ArrayLike, y: ArrayLike, width_s: float, max_gap_s: float) -> Floats:
+    """Mean, over an interval about each new time, of the line through the samples: what a lower rate shall hold.
+
+    Means a width apart conserve the integral, and what is too fast for the new rate is damped before it is folded.
+    At the ends, and beside gaps longer than max_gap_s, the interval shrinks symmetrically, so a straight line passes
+    unchanged. NaN samples are skipped, column by column.
+
+    t_new : (m,) int64 ns, increasing; t_ns : (n,) int64 ns, strictly increasing
+    y : (n,) or (n, k)
+    returns : (m,) or (m, k), NaN outside the span of t_ns and inside gaps
+    """
+    t_new, t_ns = np.asarray(t_new), np.asarray(t_ns)
+    y = np.asarray(y, dtype=np.float64)
+    result = np.full((len(t_new), *y.shape[1:]), np.nan)
+    for column, target in zip(_columns(y), _columns(result), strict=True):
+        known = np.flatnonzero(~np.isnan(column))
+        for rows in np.split(known, np.flatnonzero(np.diff(t_ns[known]) > max_gap_s * 1e9) + 1):
+            if len(rows):
+                t = t_ns[rows]
+                inside = slice(*np.searchsorted(t_new, [t[0], t[-1] + 1]))
+                target[inside] = _piece_mean((t_new[inside] - t[0]) * 1e-9, (t - t[0]) * 1e-9, column[rows], width_s)
+    return result
+
+
+def _piece_mean(t_new_s: Floats, t_s: Floats, y: Floats, width_s: float) -> Floats:
+    """As `interval_mean` of one column without a gap, for times inside its span."""
+    half_s = np.minimum(width_s / 2.0, np.minimum(t_new_s - t_s[0], t_s[-1] - t_new_s))
+    mean = np.interp(t_new_s, t_s, y)
+    wide = half_s > 0.0
+    middle, half = t_new_s[wide], half_s[wide]
+    mean[wide] = (_area_until(middle + half, t_s, y) - _area_until(middle - half, t_s, y)) / (2.0 * half)
+    return mean
+
+
+def _area_until(t_new_s: Floats, t_s: Floats, y: Floats) -> Floats:
+    """Area under the line through at least two samples from the first one to each new time."""
+    area = cumulative(t_s, y, "trapezoid")
+    k = np.clip(np.searchsorted(t_s, t_new_s, side="right") - 1, 0, len(t_s) - 2)
+    into = t_new_s - t_s[k]
+    return np.asarray(area[k] + into * (y[k] + into * (np.diff(y) / np.diff(t_s))[k] / 2.0))
 
 
 def interpolate_angle(t_new: ArrayLike, t: ArrayLike, angle: ArrayLike, max_gap: float | None = None) -> Floats:

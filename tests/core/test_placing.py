@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recon import ATTITUDE, GNSS, IMU, TRAJECTORY, Event, build, events, matrix, meta, vector, with_meta
+from recon import ATTITUDE, GNSS, IMU, TRAJECTORY, Event, build, events, matrix, meta, metrics, vector, with_meta
 from recon.errors import DataError
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodetic_to_enu
-from recon.placing import anchor_of, attitude_of, geolocate, rows_during
+from recon.placing import anchor_of, attitude_of, geolocate, rows_during, silence_warnings, silent_steps
+from recon.rows import warnings_of
 
 BOLOGNA = {"lat": 44.5, "lon": 11.35, "height": 60.0}
 
@@ -69,3 +70,28 @@ def test_without_an_anchor_the_place_is_null_and_no_old_anchor_stays():
     assert np.isnan(matrix(located, "lat", gaps=True)).all()
     assert located["height"].null_count == 2
     assert anchor_of(located) is None
+
+
+SECOND = 10**9
+
+
+def test_steps_longer_than_a_gap_are_silent():
+    imu = imu_at(0, SECOND // 2, SECOND, 3 * SECOND)
+    assert silent_steps(imu, 0.5, 600.0).tolist() == [False, False, True]
+    assert silent_steps(imu_at(5), 0.5, 600.0).tolist() == silent_steps(imu_at(), 0.5, 600.0).tolist() == []
+
+
+def test_a_hole_is_refused_with_its_place():
+    with pytest.raises(DataError, match=r"no imu for 3\.0 days from 1970-01-01 00:00:01\.000 \(1\.0 s after the first"):
+        silent_steps(imu_at(0, SECOND, (3 * 86400 + 1) * SECOND), 0.5, 600.0)
+
+
+def test_silences_are_told_with_time_and_length_and_many_are_counted():
+    imu = imu_at(*(2 * SECOND * np.arange(6)))
+    notes = warnings_of(metrics(silence_warnings(imu, silent_steps(imu, 0.5, 600.0), "it is held")))
+    assert len(notes) == 4
+    assert notes[1] == (
+        "no imu for 2.0 s from 1970-01-01 00:00:02.000 (2.0 s after the first row): what happened there is unknown, "
+        "it is held"
+    )
+    assert notes[3] == "no imu in 2 more gaps; 10.0 s are missing in all"

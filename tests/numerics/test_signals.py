@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
 from recon.numerics import signals
+from recon.numerics.integration import cumulative
 
 EPS = np.finfo(float).eps
 assert_within = partial(assert_allclose, rtol=0.0)
@@ -206,3 +207,31 @@ def test_median_rate_does_not_feel_a_gap():
     t_ns = 1_700_000_000_000_000_000 + np.array([0, 10, 20, 30, 9000, 9010]) * 1_000_000
     assert signals.median_rate(t_ns) == 100.0
     assert np.isnan(signals.median_rate(t_ns[:1]))
+
+
+def test_interval_means_pass_a_straight_line_and_conserve_the_integral():
+    rng = np.random.default_rng(12)
+    t_ns = np.sort(rng.integers(0, 10**10, 2000))
+    t_ns = np.unique(np.concatenate(([0], t_ns, [10**10])))
+    grid = np.arange(5 * 10**7, 10**10, 10**8)
+    line = 3.0 - 0.2e-9 * t_ns
+    # Areas of up to 30 are subtracted and divided by 0.1 s: 300 roundings of 1e-16.
+    assert signals.interval_mean(grid, t_ns, line, 0.1, 1.0) == pytest.approx(3.0 - 0.2e-9 * grid, abs=1e-12)
+    y = rng.normal(size=(len(t_ns), 2))
+    total = cumulative(t_ns * 1e-9, y, "trapezoid")[-1]
+    assert signals.interval_mean(grid, t_ns, y, 0.1, 1.0).sum(axis=0) * 0.1 == pytest.approx(total, abs=1e-11)
+
+
+def test_interval_means_end_at_gaps_and_at_the_ends():
+    t_ns = np.array([0, 1, 2, 10, 11, 12]) * 10**9
+    y = np.array([0.0, 1.0, 2.0, 5.0, 5.0, 5.0])
+    found = signals.interval_mean(np.array([-1, 0, 1, 2, 5, 10, 11, 12, 13]) * 10**9, t_ns, y, 4.0, 2.0)
+    expected = [np.nan, 0.0, 1.0, 2.0, np.nan, 5.0, 5.0, 5.0, np.nan]
+    assert found == pytest.approx(expected, abs=1e-12, nan_ok=True)
+
+
+def test_interval_means_skip_samples_that_are_no_numbers():
+    t_ns = np.arange(5) * 10**9
+    y = np.array([0.0, np.nan, 2.0, 3.0, 4.0])
+    assert signals.interval_mean(t_ns[1:2], t_ns, y, 1.0, 5.0) == pytest.approx([1.0], abs=1e-12)
+    assert np.isnan(signals.interval_mean(t_ns[1:2], t_ns, y, 1.0, 1.5)).all()

@@ -121,3 +121,20 @@ def test_an_empty_imu_is_not_enough():
 def test_the_record_is_without_faults():
     (record,) = declare_integrators()
     assert record.faults() == []
+
+
+def test_over_a_gap_the_attitude_is_held_and_it_is_said():
+    t_s = np.concatenate((np.arange(0.0, 2.0, 0.01), 5.0 + np.arange(0.0, 2.0, 0.01)))
+    gyro = np.tile([0.0, 0.0, 0.1], (len(t_s), 1))
+    result = integrate_attitude(imu=imu_of(t_s, gyro), attitude=start([1.0, 0, 0, 0]), params=AttitudeParams())
+    yaw = to_euler(matrix(result["attitude"], "q"))[0]
+    # Rounding of 400 products.
+    assert yaw[200] == yaw[199]
+    assert yaw[-1] == pytest.approx(0.1 * 2 * 1.99, abs=1e-12)
+    (note,) = warnings_of(result["metrics"])
+    assert note.startswith("no imu for 3.0 s from 1970-01-01 00:00:01.990")
+
+
+def test_a_log_with_a_hole_is_refused():
+    with pytest.raises(DataError, match=r"the log has a hole: no imu for 60\.0 min"):
+        integrate([0.0, 0.01, 3600.01], np.zeros((3, 3)), [1.0, 0, 0, 0])

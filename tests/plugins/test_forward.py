@@ -131,3 +131,27 @@ def test_on_a_real_crash_log_the_box_looks_backwards(logs, with_speed):
 def test_the_record_is_without_faults():
     (record,) = declare_aligners()
     assert record.faults() == []
+
+
+def test_windows_lie_where_there_are_samples_only():
+    drive = city()
+    whole = box(drive, 120.0, 1.0)
+    t_ns = np.asarray(whole["time"].cast("int64"))
+    parts = t_ns + np.where(np.arange(len(t_ns)) < 6000, 0, 30 * 86400 * 10**9)
+    imu = build(IMU, time=parts, accel=matrix(whole, "accel"), gyro=matrix(whole, "gyro"))
+    found = learnt(forward(imu=imu, gnss=speed_of(drive, 60.0), events=None, params=ForwardParams()))
+    assert found["mount_yaw"]["value"] == pytest.approx(np.degrees(1.0), abs=3.0 * found["mount_yaw"]["sigma"])
+
+
+def test_a_speed_that_never_changes_and_one_of_another_time_are_called_that():
+    imu = box(city(), 120.0, 0.0)
+    t_ns = np.arange(1200) * 100_000_000
+    for gnss, found in (
+        (build(GNSS, time=t_ns, speed=np.zeros(1200)), "0 km/h throughout"),
+        (
+            build(GNSS, time=t_ns + 3600 * 10**9, speed=np.arange(1200.0)),
+            "needs 3 from 0 to 11. s, found 1200 from 3600 to 3720 s",
+        ),
+    ):
+        with pytest.raises(NotEnoughData, match=found):
+            forward(imu=imu, gnss=gnss, events=None, params=ForwardParams())

@@ -67,7 +67,7 @@ def test_other_facts_of_the_stream_are_kept() -> None:
 
 def test_earth_chooses_the_figure_on_which_distances_are_measured() -> None:
     step = 1e-3  # deg north of the equator
-    gnss = build(GNSS, time=ns(np.array([0.0, 1.0])), lat=np.array([0.0, step]), lon=np.zeros(2), height=np.zeros(2))
+    gnss = build(GNSS, time=ns(np.array([0.0, 10.0])), lat=np.array([0.0, step]), lon=np.zeros(2), height=np.zeros(2))
     north = {
         earth: vector(gnss_kinematics(gnss=gnss, params=GnssKinematicsParams(earth=earth))["gnss"], "pos_n")[1]
         for earth in ("wgs84", "sphere")
@@ -193,6 +193,79 @@ def test_the_plan_leaves_a_stream_without_positions_alone_and_a_certain_velocity
 
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_filters()] == [[]]
+
+
+RATE_10HZ_S = np.arange(0.0, 10.0, 0.1)
+
+
+def straight(t_s: Array, speed: float = 15.0) -> Array:
+    return np.column_stack((speed * t_s, np.zeros((len(t_s), 2))))
+
+
+def fixes_at(t_s: Array, pos: Array, **more: Any) -> Any:
+    lat, lon, height = enu_to_geodetic(pos, ANCHOR)
+    return build(GNSS, **{"time": ns(t_s), "lat": lat, "lon": lon, "height": height, **more})
+
+
+@pytest.mark.parametrize(("row", "axis", "metres"), [(50, 1, 55_000.0), (50, 2, 99_999.0), (0, 0, -1e6), (99, 0, 40.0)])
+def test_a_fix_that_jumps_out_and_back_is_left_out_and_said(row: int, axis: int, metres: float) -> None:
+    pos = straight(RATE_10HZ_S)
+    pos[row, axis] += metres
+    streams = gnss_kinematics(gnss=fixes_at(RATE_10HZ_S, pos), params=GnssKinematicsParams())
+    missing = np.isnan(matrix(streams["gnss"], "pos", gaps=True)).any(axis=1)
+    assert np.flatnonzero(missing).tolist() == [row]
+    # Near by, axes turn by 10 m / R with the first fix that is used: 1e-5 of the speed at most.
+    assert np.nanmax(np.abs(matrix(streams["gnss"], "vel", gaps=True) - [15.0, 0.0, 0.0])) < 1e-3
+    (note,) = warnings_of(streams["metrics"])
+    assert note.startswith(
+        "1 of 100 gnss positions can only be reached faster than 400 km/h and are left out, first at"
+    )
+    assert f"({row / 10:.1f} s after" in note
+
+
+@pytest.mark.parametrize(("jump", "lost"), [(30, slice(0, 30)), (70, slice(70, 100))])
+def test_of_a_record_that_jumps_for_good_the_longer_part_is_kept(jump: int, lost: slice) -> None:
+    pos = straight(RATE_10HZ_S)
+    pos[jump:, 1] += 500_000.0
+    streams = gnss_kinematics(gnss=fixes_at(RATE_10HZ_S, pos), params=GnssKinematicsParams())
+    missing = np.isnan(matrix(streams["gnss"], "pos", gaps=True)).any(axis=1)
+    assert np.flatnonzero(missing).tolist() == list(range(100))[lost]
+
+
+def test_a_small_jump_for_good_costs_the_fixes_beside_it_only() -> None:
+    pos = straight(RATE_10HZ_S)
+    pos[50:, 1] += 30.0
+    streams = gnss_kinematics(gnss=fixes_at(RATE_10HZ_S, pos), params=GnssKinematicsParams())
+    # At 400 km/h, 111 m/s, 30 m need 0.27 s: fixes at 0.1 and 0.2 s after the last one before it.
+    assert value_of(streams, "positions_impossible") == 2.0
+
+
+def test_a_position_repeated_beside_a_new_speed_is_no_fix() -> None:
+    t_s = np.sort(np.concatenate((RATE_10HZ_S, RATE_10HZ_S + 0.006)))
+    pos = np.repeat(straight(RATE_10HZ_S), 2, axis=0)
+    streams = gnss_kinematics(gnss=fixes_at(t_s, pos, speed=np.full(200, 15.0)), params=GnssKinematicsParams())
+    vel = matrix(streams["gnss"], "vel", gaps=True)
+    assert np.isfinite(vel).all(axis=1).tolist() == [True, False] * 100
+    assert vel[::2] == pytest.approx(np.tile([15.0, 0.0, 0.0], (100, 1)), abs=1e-3)  # curvature of the Earth over 150 m
+    assert value_of(streams, "positions_repeated") == 100.0
+    assert warnings_of(streams["metrics"]) == []
+
+
+def test_a_standing_receiver_that_repeats_its_position_stands() -> None:
+    pos = straight(RATE_10HZ_S)
+    pos[30:60] = pos[30]
+    streams = gnss_kinematics(gnss=fixes_at(RATE_10HZ_S, pos), params=GnssKinematicsParams(max_speed=1000.0))
+    assert value_of(streams, "positions_repeated") == 0.0
+    # Weights of 1 / 0.1 s on equal positions of up to 150 m cancel to rounding.
+    assert np.abs(matrix(streams["gnss"], "vel")[31:59]).max() < 1e-11
+
+
+def test_positions_that_move_otherwise_than_the_reported_speed_are_warned_of() -> None:
+    given = fixes_at(RATE_10HZ_S, straight(RATE_10HZ_S), speed=np.full(100, 4.0))
+    (note,) = warnings_of(gnss_kinematics(gnss=given, params=GnssKinematicsParams())["metrics"])
+    assert note.startswith(
+        "the speed of gnss positions and the reported gnss speed disagree: they differ by more than 11"
+    )
 
 
 def value_of(streams: Any, name: str) -> float:

@@ -82,10 +82,21 @@ def test_many_stops_that_disagree_are_counted_after_the_first_three():
     assert "4 more of 8 stops" in notes[-1]
 
 
-@pytest.mark.parametrize("rows", [0, 1, 2, 11])
-def test_without_a_stop_there_is_nothing_to_level_by(rows):
+def test_without_a_stop_there_is_nothing_to_level_by():
     with pytest.raises(NotEnoughData, match="not enough stops"):
+        level(imu=still_imu([0.0, 0.0, G]), events=events([]), params=LevelParams())
+
+
+@pytest.mark.parametrize("rows", [0, 1, 3])
+def test_a_log_of_few_rows_is_called_that(rows):
+    with pytest.raises(NotEnoughData, match=f"not enough rows in imu: needs at least 10, found {rows}"):
         level(imu=still_imu([0.0, 0.0, G], rows), events=events([]), params=LevelParams())
+
+
+def test_standstills_at_another_time_than_the_imu_are_called_that():
+    late = events([Event(3600 * 10**9, 3660 * 10**9, "standstill")])
+    with pytest.raises(DataError, match="1 standstills were found, none while imu runs: imu from 1970-01-01 00:00:00"):
+        level(imu=still_imu([0.0, 0.0, G]), events=late, params=LevelParams())
 
 
 @pytest.mark.parametrize("rows", [1, 2])

@@ -219,3 +219,59 @@ def test_an_attitude_at_other_times_is_refused():
 def test_the_record_is_without_faults():
     (record,) = declare_integrators()
     assert record.faults() == []
+
+
+def with_a_gap(start_s, end_s, t_s):
+    return t_s[(t_s <= start_s) | (t_s >= end_s)]
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_over_a_gap_at_steady_speed_the_position_goes_on_with_the_velocity_held(rule):
+    # Speed is 9 m/s and steady from 3 to 13 s; the gap lies inside.
+    drive = Drive((Segment(3.0, 9.0), Segment(10.0, 9.0), Segment(3.0, 0.0), Segment(5.0, 0.0)), yaw=0.6)
+    truth = drive.at(with_a_gap(6.0, 11.0, np.arange(0.0, 21.0, 0.0025)))
+    gnss = gnss_of(drive, [0.0])
+    result = run(truth, gnss=gnss, rule=rule)
+    # The rectangle errs by half a step times the velocity, twice, as without a gap; the gap adds nothing to any rule.
+    np.testing.assert_allclose(matrix(result["trajectory"], "pos"), truth.pos_n, atol=0.0025 * 9.0 + 1e-3)
+    assert [note for note in warnings_of(result["metrics"]) if note.startswith("no imu for 5.0 s")]
+
+
+def test_what_a_stop_shows_after_a_gap_is_put_down_to_the_gap():
+    # Braking from 9 m/s to a stand lies inside the gap of 4 s.
+    truth = TRIPS.at(with_a_gap(12.95, 16.95, np.arange(0.0, 42.0, 0.01)))
+    trajectory = run(truth, stops=stops_of([(0.0, 10.0), (18.0, 26.0), (32.0, 42.0)]))["trajectory"]
+    before = (truth.t_s > 10.0) & (truth.t_s < 12.95)
+    # Of the error of 9 m/s (a little less: the gap begins just before the top speed) a share of 3 s in
+    # 3 + 1 + 20 * 4 s falls on the drive before the gap.
+    assert np.linalg.norm(matrix(trajectory, "vel") - truth.vel_n, axis=1)[before].max() < 9.0 * 3.0 / 84.0
+
+
+@pytest.mark.parametrize("length_s", [2.0, 590.0])
+def test_a_gap_at_rest_moves_nothing(length_s):
+    t_s = np.arange(0.0, 10.0, 0.01)
+    truth = rest(3600.0).at(np.concatenate((t_s, 10.0 + length_s + t_s)))
+    # The detector tells the stops from speeds at 10 Hz: it knows nothing of the last rows before the gap.
+    stops = stops_of([(0.0, 9.9), (10.1 + length_s, 20.0 + length_s)])
+    trajectory = run(truth, (0.02, -0.01, 0.05), stops)["trajectory"]
+    assert not matrix(trajectory, "vel").any()
+    assert not matrix(trajectory, "pos").any()
+
+
+def test_a_short_run_between_two_stops_is_not_taken_for_a_gap():
+    truth = TRIPS.at(np.arange(0.0, 42.0, 0.01))
+    trajectory = run(truth, stops=stops_of([(0.0, 10.0), (10.5, 26.0), (32.0, 42.0)]))["trajectory"]
+    assert matrix(trajectory, "vel")[1001:1050].any()
+
+
+def test_a_stop_that_holds_a_gap_leaves_no_error_of_its_line():
+    t_s = np.concatenate((np.arange(0.0, 4.0, 0.01), np.arange(8.0, 42.0, 0.01)))
+    truth = TRIPS.at(t_s)
+    trajectory = run(truth, (0.02, -0.01, 0.05), stops_of(STOPS))["trajectory"]
+    # As without the gap: see the test of a steady error.
+    np.testing.assert_allclose(matrix(trajectory, "vel"), truth.vel_n, atol=2e-5)
+
+
+def test_a_log_with_a_hole_is_refused():
+    with pytest.raises(DataError, match=r"the log has a hole: no imu for 60\.0 min"):
+        run(rest(4000.0).at(np.array([0.0, 0.01, 3600.01])))

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from recon.errors import DataError
 from recon.rows import warnings_of
 from recon.schema import GNSS, IMU, STREAMS
 from recon.tables import Array, build, conform, matrix, meta, time_ns, vector, with_meta
@@ -86,6 +87,44 @@ def test_a_group_without_any_value_stays_empty_and_drops_nothing() -> None:
     assert streams["imu"].num_rows == 3
     assert streams["imu"]["gyro_x"].null_count == 3
     assert warnings_of(streams["metrics"]) == ["imu has no gyro: it stays empty"]
+
+
+def test_an_axis_without_any_value_is_named() -> None:
+    accel = np.ones((3, 3))
+    accel[:, 1] = np.nan
+    streams = run(build(IMU, time=ns([0.0, 0.1, 0.2]), accel=accel, gyro=np.ones((3, 3))))
+    assert streams["imu"].num_rows == 3
+    assert warnings_of(streams["metrics"]) == ["imu.accel_y holds no number: accel stays incomplete"]
+
+
+def test_values_of_one_axis_that_are_filled_in_are_counted() -> None:
+    accel = np.ones((9, 3))
+    accel[3:5, 1] = np.nan
+    streams = run(build(IMU, time=ns(np.arange(9) * 0.01), accel=accel, gyro=np.ones((9, 3))))
+    assert matrix(streams["imu"], "accel").tolist() == np.ones((9, 3)).tolist()
+    assert numbers(streams)["accel_y_filled"] == 2.0
+    assert "accel_x_filled" not in numbers(streams)
+
+
+def test_a_lower_rate_holds_no_alias_and_the_same_integral() -> None:
+    t_s = np.arange(0.0, 10.0, 0.0025)
+    accel = 1.0 + np.sin(2.0 * np.pi * 10.5 * t_s)[:, None] * np.ones(3)
+    streams = run(build(IMU, time=ns(t_s), accel=accel, gyro=np.ones((len(t_s), 3))), rate=10.0)
+    averaged = vector(streams["imu"], "accel_x")[1:-1]  # the first and last one keep their value
+    # Samples of 10.5 Hz taken at 10 Hz look like 0.5 Hz of amplitude 1. The mean over 0.1 s has a gain of
+    # |sinc(1.05)| = 0.047, which the line between samples lowers further.
+    assert np.abs(averaged - 1.0).max() < 0.048
+    # 98 whole periods of the grid are the integral from 0.05 to 9.85 s; that of the sine over any span is at most
+    # 2 / (2 pi 10.5) = 0.03, of which the exact value is known: cos at both ends.
+    phase = 2.0 * np.pi * 10.5
+    exact = 9.8 + (np.cos(phase * 0.05) - np.cos(phase * 9.85)) / phase
+    # The line between samples of a sine is low by (phase h)^2 / 12 = 0.2 % of the sine's part.
+    assert averaged[:98].sum() * 0.1 == pytest.approx(exact, abs=0.002 * 0.03)
+
+
+def test_a_grid_that_would_fill_the_memory_is_refused() -> None:
+    with pytest.raises(DataError, match=r"a grid of 10000 Hz would have 90,001 rows where imu has 10"):
+        run(alternating(np.arange(10) * 1.0), rate=10_000.0, max_gap=2.0)
 
 
 def test_gnss_is_left_alone_unless_asked_for() -> None:

@@ -185,3 +185,42 @@ def test_few_rows_are_no_matter(rows, fixes):
 def test_the_record_is_without_faults():
     (record,) = declare_fusers()
     assert record.faults() == []
+
+
+def test_after_a_gap_in_the_trajectory_it_begins_anew_on_gnss():
+    t_s = np.concatenate((np.arange(0.0, 5.0, 0.01), np.arange(15.0, 20.0, 0.01)))
+    trajectory = inertial(t_s, (0.3, 0.0, 0.0))
+    fused = fuse(trajectory, gnss_of(np.arange(0.0, 20.1, 0.1)))["trajectory"]
+    truth = CIRCLE.at(t_s)
+    after = slice(500, None)
+    # An inertial error of 3 m/s and 34 m in the gap is gone at once, for a fix lies on that record. Then the steady
+    # 0.3 m/s^2 leaves e behind by a time constant of 1 s: 0.3 m/s; the chord of GNSS adds v^3 / r^2 h^2 / 8 = 1 mm/s.
+    np.testing.assert_allclose(matrix(fused, "vel")[500], truth.vel_n[500], atol=0.01)
+    np.testing.assert_allclose(matrix(fused, "pos")[500], truth.pos_n[500], atol=0.01)
+    assert np.abs(matrix(fused, "vel")[after] - truth.vel_n[after]).max() < 0.31
+
+
+def test_with_no_weight_of_velocity_a_gap_does_not_bring_one():
+    t_s = np.concatenate((np.arange(0.0, 5.0, 0.01), np.arange(15.0, 20.0, 0.01)))
+    trajectory = inertial(t_s, (0.3, 0.0, 0.0))
+    fused = fuse(trajectory, gnss_of(np.arange(0.0, 20.0, 0.1)), velocity_weight=0.0)["trajectory"]
+    assert (matrix(fused, "vel") == matrix(trajectory, "vel")).all()
+
+
+@pytest.mark.parametrize("positions", [True, False])
+@pytest.mark.parametrize(
+    ("factor", "cause"), [(3.6, "in m/s where it is in km/h"), (1 / 3.6, "in km/h where it is in m/s")]
+)
+def test_a_speed_in_another_unit_is_warned_of_with_its_likely_cause(positions, factor, cause):
+    t_s = np.arange(0.0, 20.0, 0.1)
+    speed = np.full(len(t_s), 9.0 * factor)
+    gnss = gnss_of(t_s, speed=speed) if positions else build(GNSS, time=ns(t_s), speed=speed)
+    notes = warnings_of(fuse(inertial(np.arange(0.0, 20.0, 0.01)), gnss)["metrics"])
+    assert [note for note in notes if "disagree" in note and cause in note]
+
+
+def test_a_late_speed_that_agrees_is_not_warned_of():
+    t_s = np.arange(0.0, 20.0, 0.1)
+    result = fuse(inertial(np.arange(0.0, 20.0, 0.01)), gnss_of(t_s, speed=np.full(len(t_s), 9.0)))
+    assert warnings_of(result["metrics"]) == []
+    assert metric(result, "speed_ratio") == pytest.approx(1.0, abs=0.01)

@@ -1,0 +1,84 @@
+"""Which positions of a receiver can be believed: newly reported ones that a vehicle could have driven through.
+
+A logger that writes position and speed in different rows repeats the last position with each new speed. Such a row
+lies within half a period of a row whose position is new; the repeats of a receiver that stands lie at whole periods.
+
+Of the new positions the longest sequence is kept in which no two are further apart than the largest speed allows,
+
+    |p_j - p_i| <= v (t_j - t_i).
+
+By the triangle inequality it is enough that this holds between neighbours in the sequence. So an excursion is left
+out, and of a record that jumps for good the longer part is kept, whichever it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.signals import changes
+from recon.tables import Array
+
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+RECENT = 500
+"""Stretches that the sequence may leave to enter one whole; more would take minutes where all positions are noise."""
+
+
+def reported(t_ns: NDArray[np.int64], place: Array, gap_ns: int) -> Mask:
+    """Rows in which the receiver reported a position, not the logger repeated one: (n,) bool.
+
+    t_ns : (n,) ns, strictly increasing; place : (n, k) any unit; gap_ns : longer steps are outages
+    """
+    new = changes(place)
+    news_ns = t_ns[new]
+    steps = np.diff(t_ns)
+    if len(news_ns) < 2 or not (steps <= gap_ns).any():
+        return np.ones(len(t_ns), dtype=bool)
+    # A standing receiver brings news seldom, so the rows tell too: there are two at most for each report.
+    period = min(float(np.median(np.diff(news_ns))), 2.0 * float(steps[steps <= gap_ns].mean()))
+    after = np.searchsorted(news_ns, t_ns)
+    later = news_ns[np.minimum(after, len(news_ns) - 1)] - t_ns
+    earlier = t_ns - news_ns[np.maximum(after - 1, 0)]
+    near = (np.abs(later) < 0.5 * period) | (np.abs(earlier) < 0.5 * period)
+    return np.asarray(new | ~near)
+
+
+def drivable(t_s: Array, pos: Array, max_speed: float) -> Mask:
+    """The longest sequence of positions that can be driven through: (n,) bool.
+
+    Positions are taken in stretches without an impossible step, so the sequence enters a stretch where it can but
+    leaves it at its end only: a few positions may be lost beside a jump, none that cannot be reached is kept.
+
+    t_s : (n,) s, strictly increasing; pos : (n, 3) m, local; max_speed : m/s
+    """
+
+    def reached(rows: Rows, origins: Rows) -> Mask:
+        distance = np.linalg.norm(pos[rows] - pos[origins], axis=1)
+        return np.asarray(distance <= max_speed * (t_s[rows] - t_s[origins]))
+
+    every = np.arange(len(t_s))
+    cuts = np.flatnonzero(~reached(every[1:], every[:-1])) + 1
+    first, stop = np.append(0, cuts), np.append(cuts, len(t_s))
+    last, enter, length, before = stop - 1, first.copy(), stop - first, np.full(len(first), -1)
+    for k in range(1, len(first)):
+        choices = [(length[k], -1, first[k])]
+        recent = slice(max(0, k - RECENT), k)
+        whole = np.where(reached(first[k : k + 1], last[recent]), length[recent], 0)
+        if whole.any():
+            choices.append((length[k] + whole.max(), recent.start + int(whole.argmax()), first[k]))
+        longest = length[:k].argmax()
+        late = reached(every[first[k] : stop[k]], last[longest : longest + 1])
+        if late.any():
+            choices.append((late.sum() + length[longest], int(longest), first[k] + late.argmax()))
+        length[k], before[k], enter[k] = max(choices)
+    return _chain(len(t_s), int(length.argmax()), before, enter, stop)
+
+
+def _chain(n: int, k: int, before: Rows, enter: Rows, stop: Rows) -> Mask:
+    """Rows of the sequence that ends with stretch k."""
+    kept = np.zeros(n, dtype=bool)
+    while k >= 0:
+        kept[enter[k] : stop[k]] = True
+        k = int(before[k])
+    return kept
