@@ -100,8 +100,8 @@ def load_file(path: Path | str) -> Node:
         data = Path(path).read_bytes()
     except FileNotFoundError:
         raise ConfigError([Problem(here, "file-missing", "there is no such file")]) from None
-    except (OSError, ValueError) as error:  # ValueError: a path that holds a NUL
-        reason = getattr(error, "strerror", None) or str(error)
+    except (OSError, ValueError) as error:
+        reason = (error.strerror or str(error)) if isinstance(error, OSError) else "its name holds a NUL"
         raise ConfigError([Problem(here, "file-unreadable", f"the file cannot be read: {reason}")]) from None
     try:
         text = data.decode("utf-8-sig")

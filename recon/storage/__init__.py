@@ -17,13 +17,13 @@ from typing import Final
 
 import pyarrow as pa
 
-from recon.errors import ConfigError, ReadFailed, StorageError
+from recon.errors import ConfigError, ContractError, ReadFailed, StorageError
 from recon.problems import Problem, one_of
 from recon.recording import Recording
-from recon.schema import SCHEMA_NUMBER, STREAM_NAME
+from recon.schema import APPENDED, SCHEMA_NUMBER, STREAM_NAME, by_step
 from recon.storage import mcap, parquet
 from recon.storage.atomic import refuse_existing, staged_file, staged_folder
-from recon.tables import with_meta
+from recon.tables import build, conform, schema_of, with_meta
 
 __all__ = [
     "STORES",
@@ -39,6 +39,7 @@ STORES: Final = ("parquet", "mcap")
 
 _FOLDER: Final = "streams"
 _FILE: Final = "streams.mcap"
+_AGAIN: Final = "copy or make it again"
 
 
 def write_recording(recording: Recording, folder: Path, store: str = "parquet") -> list[Path]:
@@ -84,8 +85,9 @@ def read_recording(path: Path) -> Recording:
         recording = Recording({path.stem: parquet.read_file(path)})
     for name, table in recording.items():
         _refuse_newer(table, name, path)
+        _refuse_damaged(table, name, path)
     if not _is_meta(recording.meta):
-        raise ReadFailed(path, "what it says of its sources is damaged", hint="copy or make it again")
+        raise ReadFailed(path, "what it says of its sources is damaged", hint=_AGAIN)
     return recording
 
 
@@ -116,3 +118,16 @@ def _refuse_newer(table: pa.Table, name: str, path: Path) -> None:
     if not number.isdecimal() or int(number) > SCHEMA_NUMBER:
         text = f"stream '{name}' has the schema number {number}; this recon reads up to {SCHEMA_NUMBER}"
         raise ReadFailed(path, text, hint="install a newer recon")
+
+
+def _refuse_damaged(table: pa.Table, name: str, path: Path) -> None:
+    """Raises ReadFailed where a table cannot be a stream: checksums do not cover all that files say of columns."""
+    step = "reading"
+    try:
+        if name in APPENDED:
+            build(by_step(name), **{column: table[column] for column in table.column_names})
+        conform(table, schema_of(table), stream=name, step=step)
+    except ContractError as error:
+        raise ReadFailed(path, error.message.removeprefix(f"step {step}: "), hint=_AGAIN) from error
+    except (pa.ArrowException, ValueError, TypeError, LookupError, RecursionError) as error:
+        raise ReadFailed(path, f"what it says of stream '{name}' is damaged", hint=_AGAIN) from error

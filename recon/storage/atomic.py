@@ -62,8 +62,9 @@ def _is_there(final: Path) -> bool:
         os.lstat(final)
     except FileNotFoundError:
         return False
-    except (OSError, ValueError) as error:  # ValueError: a path that holds a NUL
-        reason = os.strerror(error.errno).lower() if isinstance(error, OSError) and error.errno else str(error)
+    except (OSError, ValueError) as error:
+        told = isinstance(error, OSError) and error.errno
+        reason = os.strerror(told).lower() if told else "its name holds a NUL"
         text = f"there cannot be a folder {shortened(str(final), 120)}: {reason}"
         raise ConfigError([Problem(None, "output-impossible", text, "choose another place")]) from error
     return True

@@ -19,7 +19,9 @@ References
 
 from __future__ import annotations
 
+import io
 import json
+import os
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -90,7 +92,7 @@ def _canonical(table: pa.Table) -> pa.Table:
 def read_file(path: Path) -> Recording:
     """All streams and the meta. Raises ReadFailed for a damaged file, and for one of another program."""
     try:
-        with path.open("rb") as file:
+        with _Clipped(path.open("rb", buffering=0)) as file:
             head = file.read(_PROFILE_AT + 4 + len(PROFILE))
             if head.startswith(_HEADER_START) and not is_own(head):
                 raise ReadFailed(path, f"the MCAP file was not written by recon; {_contents(file)}")
@@ -98,6 +100,18 @@ def read_file(path: Path) -> Recording:
             return _read(file, path)
     except OSError as error:
         raise ReadFailed(path, "there is no such file, or it may not be read") from error
+
+
+class _Clipped(io.BufferedReader):
+    """A file whose reads ask for no more than is left of it: mcap asks for as much as damaged bytes tell."""
+
+    def __init__(self, raw: io.FileIO) -> None:
+        super().__init__(raw)
+        self._size = os.fstat(raw.fileno()).st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(self._size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
 
 
 def _read(file: BinaryIO, path: Path) -> Recording:
@@ -110,7 +124,7 @@ def _read(file: BinaryIO, path: Path) -> Recording:
     try:
         for record in StreamReader(file, validate_crcs=True, record_size_limit=path.stat().st_size).records:
             if isinstance(record, Message) and record.channel_id in names:
-                parts[names[record.channel_id]].append(pa.ipc.open_stream(record.data).read_all())
+                parts[names[record.channel_id]].append(_rows(record.data))
             elif isinstance(record, Channel) and record.message_encoding == MESSAGE_ENCODING:
                 names[record.id] = record.topic
                 parts.setdefault(record.topic, [])
@@ -119,6 +133,13 @@ def _read(file: BinaryIO, path: Path) -> Recording:
         return Recording({name: pa.concat_tables(tables).combine_chunks() for name, tables in parts.items()}, meta)
     except Exception as error:  # damaged bytes make mcap, zstandard, struct and Arrow raise errors of many kinds
         raise ReadFailed(path, "the MCAP file is cut short or damaged", hint="copy or make it again") from error
+
+
+def _rows(data: bytes) -> pa.Table:
+    """The rows of one message. Arrow believes what damaged bytes tell of its buffers until it is asked to look."""
+    rows = pa.ipc.open_stream(data).read_all()
+    rows.validate(full=True)
+    return rows
 
 
 def _contents(file: BinaryIO) -> str:

@@ -107,6 +107,7 @@ def read_file(path: Path) -> pa.Table:
         try:
             with ParquetFile(source, page_checksum_verification=True) as file:
                 table = file.read()
+            table.validate(full=True)
         except (pa.ArrowException, OSError, ValueError) as error:
             raise ReadFailed(path, "the Parquet file is cut short or damaged", hint="copy or make it again") from error
     return table if b"recon.schema" in (table.schema.metadata or {}) else _adopted(table, path)

@@ -306,7 +306,7 @@ def test_a_missing_file_a_folder_and_an_impossible_path_get_a_sentence(tmp_path)
     for path, sentence in [
         (tmp_path / "none.yaml", "there is no such file"),
         (tmp_path, "this is a folder, not a file"),
-        ("a\0b", "the file cannot be read: embedded null byte"),
+        ("a\0b", "the file cannot be read: its name holds a NUL"),
     ]:
         with pytest.raises(ConfigError) as caught:
             load_file(path)
