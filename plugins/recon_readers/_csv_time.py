@@ -1,0 +1,242 @@
+"""Times of `reader.csv`, in any of its formats, as whole nanoseconds since 1970 UTC; none goes through a double.
+
+Of the GPS time scale, which counts no leap seconds, those of the first row are taken off all rows, so that times rise
+evenly over a leap second.
+
+References: IS-GPS-200, 20.3.3.5.2.4 (UTC from GPS time, epoch 1980-01-06); IERS Bulletin C (leap seconds); ISO 8601-1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import ROUND_DOWN, Context, Decimal, InvalidOperation
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.rows import Metric, warning
+from recon_readers._csv_mapping import Time
+from recon_readers._csv_sheet import Sheet, trimmed
+from recon_readers._delimited import TIME_TYPE, whole_ns
+from recon_readers._time_order import Mask, Times
+
+NS: Final = 1_000_000_000
+DAY_NS: Final = 86_400 * NS
+WEEK_NS: Final = 7 * DAY_NS
+GPS_EPOCH_NS: Final = 315_964_800 * NS
+"""1980-01-06T00:00:00Z."""
+DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+"""Decimals of each unit down to a nanosecond."""
+_EARLIEST_NS: Final = 315_532_800 * NS
+_LATEST_NS: Final = 4_102_444_800 * NS
+"""1980 and 2100: what clocks that were set show."""
+_LARGEST_NS: Final = 4_200_000_000 * NS
+"""Of two such numbers the sum does not overflow."""
+_SMALLEST: Final = Decimal(1).scaleb(-18)
+_CONTEXT: Final = Context(prec=38)
+
+_LEAPS: Final = (
+    "1981-07-01 1982-07-01 1983-07-01 1985-07-01 1988-01-01 1990-01-01 1991-01-01 1992-07-01 1993-07-01 1994-07-01 "
+    "1996-01-01 1997-07-01 1999-01-01 2006-01-01 2009-01-01 2012-07-01 2015-07-01 2017-01-01"
+)
+"""Days from which on GPS was a second more ahead of UTC."""
+_LEAPS_NS: Final = np.array(_LEAPS.split(), dtype="datetime64[ns]").astype(np.int64)
+
+_CLOCK: Final = r"(?P<H>\d{1,2}):?(?P<M>\d{2})(?::?(?P<S>\d{2})(?:[.,](?P<F>\d+))?)?"
+_ZONE: Final = r"\s*(?:(?P<Z>[Zz]|UTC|GMT)?(?P<sign>[+-])?(?P<zh>\d{2})?:?(?P<zm>\d{2})?)"
+_DATES: Final = {
+    "iso": r"(?P<y>\d{4})[-/.]?(?P<m>\d{1,2})[-/.]?(?P<d>\d{1,2})",
+    "day_first": r"(?P<d>\d{1,2})[-/.](?P<m>\d{1,2})[-/.](?P<y>\d{4})",
+    "month_first": r"(?P<m>\d{1,2})[-/.](?P<d>\d{1,2})[-/.](?P<y>\d{4})",
+}
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time of every row of a stream.
+
+    t_ns : (n,) ns since 1970 UTC, or since the log's own zero where it is not `absolute`; missing : (n,) bool
+    """
+
+    t_ns: Times
+    missing: Mask
+    absolute: bool
+    learnt: tuple[Metric, ...]
+
+
+def leap_seconds(gps_ns: int) -> int:
+    """GPS time minus UTC in s, at a time that GPS shows: ns since 1970 without leap seconds."""
+    ahead = np.arange(1, len(_LEAPS_NS) + 1) * NS
+    return int(np.count_nonzero(_LEAPS_NS + ahead <= gps_ns))
+
+
+def read_clock(sheet: Sheet, time: Time, columns: Mapping[int, pa.ChunkedArray]) -> Clock:
+    """The times of a stream. `columns` : texts by index. Raises ReadFailed at what is no time."""
+    indices = [index for index in map(sheet.find, time.references) if index is not None]
+    if time.format in _DATES:
+        t_ns, missing = _of_texts(sheet, time, indices, columns)
+    elif time.format == "time_of_day":
+        t_ns, missing = _of_day(sheet, indices[0], columns[indices[0]])
+    elif time.format == "gps_week":
+        weeks, no_week = _of_numbers(sheet, indices[0], columns[indices[0]], "ns")
+        seconds, no_second = _of_numbers(sheet, indices[1], columns[indices[1]], time.unit)
+        _refuse_beyond(sheet, indices[0], weeks, _LARGEST_NS // WEEK_NS)
+        t_ns, missing = GPS_EPOCH_NS + weeks * WEEK_NS + seconds, no_week | no_second
+    else:
+        t_ns, missing = _of_numbers(sheet, indices[0], columns[indices[0]], time.unit)
+    _refuse_beyond(sheet, indices[0], t_ns, _LARGEST_NS)
+    absolute = time.format not in ("relative", "time_of_day") or bool(time.start)
+    t_ns = t_ns + time.start_ns
+    learnt = [Metric("assumed_time", note=_about(time))]
+    if time.scale == "GPS" or time.format == "gps_week":
+        first = int(t_ns[np.argmin(missing)]) if len(t_ns) else 0
+        leaps = leap_seconds(first) if absolute else 0
+        t_ns = t_ns - leaps * NS
+        learnt.append(Metric("leap_seconds", float(leaps), "s", note="taken off the GPS time scale"))
+    return Clock(t_ns, missing, absolute, (*learnt, *_doubts(t_ns[~missing], absolute)))
+
+
+def _about(time: Time) -> str:
+    unit = "" if time.format in (*_DATES, "time_of_day") else f" in {time.unit}"
+    zone = f", {time.zone} where a text names no zone" if time.format in _DATES else ""
+    start = f" from {time.start}" if time.start else ""
+    return f"{', '.join(map(str, time.references))}: {time.format}{unit}{start}, {time.scale}{zone}"
+
+
+def _doubts(t_ns: Times, absolute: bool) -> list[Metric]:
+    if not absolute or not len(t_ns) or (t_ns.min() >= _EARLIEST_NS and t_ns.max() <= _LATEST_NS):
+        return []
+    first = np.datetime_as_string(t_ns[:1].view("datetime64[ns]"), unit="s")[0]
+    return [warning(f"times from {first} on lie outside 1980 to 2100: check format and unit of the time")]
+
+
+def _refuse_beyond(sheet: Sheet, index: int, values: Times, limit: int) -> None:
+    beyond = np.abs(values) > limit
+    if beyond.any():
+        what = f"{sheet.title(index)} is beyond any clock"
+        hint = "check format and unit of the time, or repair the line"
+        raise sheet.refused(int(beyond.argmax()), index, what, hint)
+
+
+# --- numbers --------------------------------------------------------------------------------------------------------
+
+
+def _of_numbers(sheet: Sheet, index: int, texts: pa.ChunkedArray, unit: str) -> tuple[Times, Mask]:
+    """Decimal texts of a unit as ns, (n,), 0 where missing; (n,) bool, true where missing."""
+    plain = trimmed(texts)
+    if sheet.decimal == "comma":
+        from pyarrow import compute
+
+        plain = compute.replace_substring(plain, ",", ".")
+    try:
+        decimals = plain.cast(TIME_TYPE)
+    except pa.ArrowInvalid:
+        decimals = _one_by_one(sheet, index, plain)
+    t_ns, missing = whole_ns(decimals, DIGITS[unit])
+    _refuse_beyond(sheet, index, t_ns, _LARGEST_NS)
+    return t_ns, missing
+
+
+def _one_by_one(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> pa.ChunkedArray:
+    """What has more digits than a decimal of Arrow holds, cut; raises ReadFailed at what is no number."""
+    found: list[Decimal | None] = []
+    for row, text in enumerate(texts.to_pylist()):
+        try:
+            value = None if text is None else Decimal(text)
+            if value is not None and abs(value) >= Decimal(10**19):
+                raise InvalidOperation
+            found.append(None if value is None else value.quantize(_SMALLEST, ROUND_DOWN, _CONTEXT))
+        except InvalidOperation:
+            raise sheet.no(row, index, text, "number") from None
+    return pa.chunked_array([pa.array(found, TIME_TYPE)])
+
+
+# --- texts ----------------------------------------------------------------------------------------------------------
+
+
+def _of_texts(
+    sheet: Sheet, time: Time, indices: list[int], columns: Mapping[int, pa.ChunkedArray]
+) -> tuple[Times, Mask]:
+    from pyarrow import compute
+
+    parts = [trimmed(columns[index]) for index in indices]
+    texts = parts[0] if len(parts) == 1 else compute.binary_join_element_wise(*parts, " ")
+    found = _match(texts, rf"^{_DATES[time.format]}[T ]\s*{_CLOCK}{_ZONE}$")
+    t_ns, good = _moment(found, time.zone_ns)
+    return _complete(sheet, indices[-1], texts, t_ns, good, _EXAMPLES[time.format])
+
+
+def _of_day(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> tuple[Times, Mask]:
+    """Times of day; where they fall by more than half a day, the next day has begun."""
+    plain = trimmed(texts)
+    clock, good = _time_of_day(_match(plain, rf"^{_CLOCK}$"))
+    t_ns, missing = _complete(sheet, index, plain, clock, good, _EXAMPLES["time_of_day"])
+    rows = np.flatnonzero(~missing)
+    days = np.zeros(len(t_ns), dtype=np.int64)
+    days[rows[1:]] = np.cumsum(np.diff(t_ns[rows]) < -DAY_NS // 2)
+    return t_ns + days * DAY_NS, missing
+
+
+_EXAMPLES: Final = {
+    "iso": "time like 2026-06-08T14:54:08.1Z",
+    "day_first": "time like 08/06/2026 14:54:08",
+    "month_first": "time like 06/08/2026 14:54:08",
+    "time_of_day": "time of day like 14:54:08.1",
+}
+
+
+def _complete(
+    sheet: Sheet, index: int, texts: pa.ChunkedArray, t_ns: Times, good: Mask, example: str
+) -> tuple[Times, Mask]:
+    missing = np.asarray(texts.is_null())
+    wrong = ~good & ~missing
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise sheet.no(row, index, texts[row].as_py(), example, "check the format of the time, or repair the line")
+    return np.where(missing, 0, t_ns), missing
+
+
+def _match(texts: pa.ChunkedArray, pattern: str) -> dict[str, pa.Array]:
+    """The named groups of a pattern as arrays of text, "" where a group or the whole is not there."""
+    from pyarrow import compute
+
+    found = compute.extract_regex(pa.array(texts.combine_chunks()), pattern)
+    names = [found.type.field(index).name for index in range(found.type.num_fields)]
+    return {name: part.fill_null("") for name, part in zip(names, found.flatten(), strict=True)}
+
+
+def _whole(texts: Any, empty: int = 0) -> NDArray[np.int64]:
+    from pyarrow import compute
+
+    blank = compute.equal(texts, "")
+    return np.asarray(compute.if_else(blank, str(empty), texts).cast(pa.int64()))
+
+
+def _moment(found: Mapping[str, Any], zone: int) -> tuple[Times, Mask]:
+    """ns since 1970 of texts that were taken apart, (n,); and whether each is a time, (n,) bool."""
+    years, months, days = (_whole(found[name], 1) for name in "ymd")
+    month = (years - 1970).astype("datetime64[Y]").astype("datetime64[M]") + (months - 1)
+    date = month.astype("datetime64[D]") + (days - 1)
+    clock, good = _time_of_day(found)
+    good &= np.asarray(found["y"]) != ""
+    good &= (months >= 1) & (months <= 12) & (days >= 1) & (date.astype("datetime64[M]") == month)
+    good &= (years >= 1900) & (years <= 2200)
+    signed = np.asarray(found["sign"])
+    minutes = 60 * _whole(found["zh"]) + _whole(found["zm"])
+    good &= (signed != "") | (minutes == 0)
+    named = (signed != "") | (np.asarray(found["Z"]) != "")
+    offset = np.where(signed == "-", -1, 1) * minutes * 60 * NS
+    whole_days = np.where(good, date.astype(np.int64), 0)
+    return whole_days * DAY_NS + clock - np.where(named, offset, zone), good
+
+
+def _time_of_day(found: Mapping[str, Any]) -> tuple[Times, Mask]:
+    from pyarrow import compute
+
+    hours, minutes, seconds = (_whole(found[name]) for name in "HMS")
+    fraction = compute.utf8_slice_codeunits(compute.utf8_rpad(found["F"], 9, "0"), 0, 9)
+    good = (hours < 24) & (minutes < 60) & (seconds <= 60) & (np.asarray(found["H"]) != "")
+    return ((hours * 60 + minutes) * 60 + seconds) * NS + _whole(fraction), good

@@ -1,0 +1,177 @@
+"""Any delimited text: the mapping tells which column is what, in which unit, along which axis, on which clock.
+
+    - use: reader.csv
+      params:
+        columns:
+          imu:
+            time: {column: millis, format: unix, unit: ms}
+            axes: FRD
+            accel: {columns: [ax, ay, az], unit: g}
+            gyro: {columns: [gx, gy, gz], unit: deg/s}
+
+`recon inspect FILE` proposes a mapping for a file that no reader knows; `--set reader.csv.columns=@MAPPING.yaml` gives
+one to any pipeline. The streams of a drive may stand in one file, with blanks or repeated values where a sensor did not
+report, or in a file each; a mapping serves all files of a drive, of which each holds some of its streams.
+
+Vectors whose axes are told come along forward, left, up, or east, north, up; others as logged. What the mapping says
+and the text shows becomes rows of `metrics`; a row that is not used is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, Literal
+
+from recon.errors import ReadFailed
+from recon.hookspecs import hookimpl
+from recon.parameters import Params, setting
+from recon.rows import Metric, metrics, warning
+from recon.schema import STREAMS, Change, Schema
+from recon.stages import Reader, Schemas, Sniff
+from recon.tables import Streams
+from recon_readers._csv_mapping import Accel, Columns
+from recon_readers._csv_propose import propose
+from recon_readers._csv_sheet import Cells, Sheet
+from recon_readers._csv_streams import Others, Part, assumptions, fresh_rows, locate, make, together, values_of
+from recon_readers._csv_text import Form, open_sheet, survey
+from recon_readers._csv_time import read_clock
+from recon_readers._delimited import not_text, plain
+
+UNSURE: Final = 0.3
+"""Confidence in any delimited text: what its columns mean, only the mapping tells."""
+
+
+class CsvParams(Params):
+    """How the text is made, and what its columns mean."""
+
+    columns: Columns = setting(doc="Which column is what, by stream; 'recon inspect FILE' proposes it.")
+    delimiter: Literal["auto", "comma", "semicolon", "tab", "space", "bar"] = setting(
+        "auto", doc="What separates two columns."
+    )
+    decimal: Literal["auto", "point", "comma"] = setting("auto", doc="Decimal mark.")
+    header: int | None = setting(None, ge=0, doc="Line of the header, 0 where there is none; found where not given.")
+    comment: str = setting("#", max_length=8, doc="What begins a line that is left out.")
+    encoding: str = setting("auto", doc="Encoding of the text, such as UTF-8 or cp1252.")
+
+    @property
+    def form(self) -> Form:
+        """How the text is made."""
+        return Form(self.delimiter, self.decimal, self.header, self.comment, self.encoding)
+
+
+def read(path: Path, params: CsvParams) -> Streams:
+    """The streams of the mapping that the file holds, at the rates at which the sensors reported.
+
+    Raises ReadFailed.
+    """
+    sheet = open_sheet(path, params.form)
+    parts, absent = _located(sheet, params.columns)
+    cells = _cells(sheet, parts)
+    streams, told = _streams(sheet, parts, cells)
+    if not streams:
+        raise ReadFailed(path, "no row holds a measurement", hint="check the mapping, and that the log is complete")
+    form = Metric("format", note=f"delimited text: {sheet.about}")
+    return {**streams, "metrics": metrics([form, *_counts(sheet, cells), *told, *absent])}
+
+
+def _located(sheet: Sheet, columns: Columns) -> tuple[list[Part], list[Metric]]:
+    """The streams that the file holds, and those that it does not."""
+    parts, absent = [], []
+    for mapping in columns.streams():
+        found = locate(sheet, mapping)
+        if found is not None:
+            parts.append(found)
+        else:
+            absent.append(Metric("not_in_file", method=mapping.stream, note="none of its columns is in this file"))
+    if not parts:
+        first = next(columns.streams())
+        source = next(iter(first.sources.values()))
+        what = f"it holds none of the streams of the mapping: {sheet.lacks(source.references[0])}"
+        raise ReadFailed(sheet.path, what, line=sheet.header_line or None, hint="'recon inspect' proposes a mapping")
+    return parts, absent
+
+
+def _cells(sheet: Sheet, parts: Sequence[Part]) -> Cells:
+    """All columns that are needed: times and what marks valid rows as texts, the others as numbers."""
+    marks = [part.mapping.valid.column for part in parts if part.mapping.valid]
+    references = [*marks, *(reference for part in parts for reference in part.mapping.time.references)]
+    texts = [index for index in map(sheet.find, references) if index is not None]
+    return sheet.read([index for part in parts for indices in part.columns.values() for index in indices], texts)
+
+
+def _streams(sheet: Sheet, parts: Sequence[Part], cells: Cells) -> tuple[Streams, list[Metric]]:
+    values = {part.mapping.stream: values_of(sheet, part, cells) for part in parts}
+    others = Others("imu" in values, together(values["gnss"]) if "gnss" in values else None)
+    clocks = {time: read_clock(sheet, time, cells.texts) for time in dict.fromkeys(part.mapping.time for part in parts)}
+    streams: Streams = {}
+    told: list[Metric] = []
+    for part in parts:
+        name = part.mapping.stream
+        clock = clocks[part.mapping.time]
+        fresh = fresh_rows(sheet, part, clock, values[name], cells, others)
+        told += [
+            *(replace(row, method=name) for row in clock.learnt),
+            *fresh.learnt,
+            *assumptions(sheet, part, values[name]),
+        ]
+        table = make(part, clock, values[name], fresh.rows)
+        if table is not None:
+            streams[name] = table
+    return streams, told
+
+
+def _counts(sheet: Sheet, cells: Cells) -> list[Metric]:
+    """How many rows there were, and what of the text is no row of it."""
+    found = [Metric("rows_read", float(len(next(iter(cells.texts.values())))))]
+    if sheet.above:
+        text = "above the first row, neither header nor comments"
+        found.append(Metric("lines_left_out", float(sheet.above), note=text))
+    if sheet.cut_line is not None:
+        text = f"the last row, line {sheet.cut_line}, was cut off"
+        found += [Metric("rows_cut_off", 1.0, note=text), warning(f"dropped from {sheet.path.name}: {text}")]
+    return found
+
+
+def plan(inputs: Mapping[str, Schema], params: CsvParams) -> Schemas:
+    """The streams and columns of the mapping; which of them a file holds, only the file tells."""
+    found = {}
+    for mapping in params.columns.streams():
+        schema = STREAMS[mapping.stream].only(*mapping.sources).possible()
+        accel = mapping.sources.get("accel")
+        if isinstance(accel, Accel) and accel.at_rest == "zero":
+            schema = Change(quantities={"accel": "acceleration"}).apply(schema)
+        found[mapping.stream] = schema
+    return found
+
+
+def sniff(path: Path, head: bytes) -> Sniff:
+    """Never sure: what the columns mean, only the mapping tells."""
+    if not head:
+        return Sniff(0.0, "no file with contents")
+    fault = not_text(head)
+    if fault:
+        return Sniff(0.0, fault[0])
+    try:
+        found = survey(path, plain(head), Form())
+    except ReadFailed as error:
+        return Sniff(0.0, error.what)
+    kind = f"it looks like delimited text ({found.about})"
+    return Sniff(UNSURE, f"{kind}: 'recon inspect {path.name}' proposes a mapping for reader.csv")
+
+
+@hookimpl
+def declare_readers() -> Iterable[Reader]:
+    """The reader of any delimited text."""
+    yield Reader(
+        name="csv",
+        summary="Any delimited text, by a mapping of its columns.",
+        params=CsvParams,
+        run=read,
+        sniff=sniff,
+        propose=propose,
+        writes={name: STREAMS[name].possible() for name in Columns.model_fields},
+        plan=plan,
+        references=("RFC 4180", "IS-GPS-200, 20.3.3.5.2.4", "IERS Bulletin C", "ISO 8601-1:2019"),
+    )

@@ -1,0 +1,162 @@
+"""Every first-party stage keeps the laws of its role."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import read_back
+
+from recon.pytest_plugin import MARK
+from recon.registry import Registry
+from recon.stages import Exporter, Reader
+from recon.tables import matrix, seconds, time_ns, vector
+from recon.testing import BoundLaw, Case, contract
+from recon.testing.drives import drive
+from recon.testing.samples import samples
+from recon_readers.csv import CsvParams
+
+FOLDER = Path(tempfile.gettempdir()) / f"recon-contract-{os.getpid()}"
+FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
+TABLE = FOLDER / "drive.csv"
+INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
+T0_S = 518_716_448.0
+"""June 2016 in the clock of physycom, which counts from 2000."""
+FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
+WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith((Reader.role, Exporter.role))]
+
+MAPPING = {
+    "imu": {
+        "time": {"column": "t", "format": "unix", "unit": "ms"},
+        "accel": {"columns": ["ax", "ay", "az"], "unit": "m/s^2"},
+        "gyro": {"columns": ["gx", "gy", "gz"], "unit": "rad/s"},
+    }
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def files() -> Iterator[None]:
+    """What the readers read."""
+    FOLDER.mkdir()
+    samples(FOLDER)
+    FULLINERTIAL.write_text(fullinertial(), encoding="utf-8")
+    TABLE.write_text(table(), encoding="utf-8")
+    RECORDS.write_text(json.dumps(records(), indent=1), encoding="utf-8")
+    yield
+    shutil.rmtree(FOLDER)
+
+
+def fullinertial(rows: int = 400) -> str:
+    """GNSS held for 20 rows of the imu, as boxes write it."""
+    imu, gnss = drive()["imu"].slice(1500, rows), drive()["gnss"].slice(75, rows // 20)
+    held = np.arange(rows) // 20
+    place = [vector(gnss, name)[held] for name in ("lat", "lon", "height")]
+    course, speed = np.degrees(vector(gnss, "course"))[held], vector(gnss, "speed")[held] * 3.6
+    accel, gyro, t_s = matrix(imu, "accel") / 9.80665, np.degrees(matrix(imu, "gyro")), seconds(imu)
+    size = np.linalg.norm(accel, axis=1)
+    values = np.column_stack([T0_S + t_s, *place, course, speed, accel, gyro, size, t_s])
+    return "".join("\t".join(f"{value:.7f}" for value in row) + "\n" for row in values.tolist())
+
+
+def table(rows: int = 400) -> str:
+    """The imu as a table of commas, its time in ms since 1970."""
+    imu = drive()["imu"].slice(1500, rows)
+    columns = [time_ns(imu) // 1_000_000, *matrix(imu, "accel").T, *matrix(imu, "gyro").T]
+    lines = [",".join(map(repr, row)) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    return "\n".join(["t,ax,ay,az,gx,gy,gz", *lines]) + "\n"
+
+
+def records() -> dict[str, Any]:
+    """One record per line of JSON and more."""
+    gnss = drive()["gnss"].slice(75, 60)
+    rows = zip(seconds(gnss), vector(gnss, "lat"), vector(gnss, "lon"), vector(gnss, "speed") * 3.6, strict=True)
+    return {
+        f"gnss_record_{number}": {"timestamp": T0_S + t_s, "lat": lat, "lon": lon, "speed": speed}
+        for number, (t_s, lat, lon, speed) in enumerate(rows)
+    }
+
+
+@contract(*WITHOUT_CASES)
+def test_stages(law: BoundLaw) -> None:
+    law()
+
+
+@contract(
+    "reader.physycom",
+    cases=[
+        Case("inertial", path=INERTIAL),
+        Case("fullinertial", path=FULLINERTIAL),
+        Case("json", path=RECORDS),
+    ],
+)
+def test_reader_physycom(law: BoundLaw) -> None:
+    law()
+
+
+@contract(
+    "reader.parquet", cases=[Case("folder", path=PARQUET), Case("file", path=PARQUET / "streams" / "gnss.parquet")]
+)
+def test_reader_parquet(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.mcap", cases=[Case("folder", path=MCAP), Case("file", path=MCAP / "streams.mcap")])
+def test_reader_mcap(law: BoundLaw) -> None:
+    law()
+
+
+@contract(
+    "reader.csv",
+    cases=[Case("held", CsvParams(columns=MAPPING), path=TABLE)],
+    expected_failures={"it_knows_its_own_file": "what the columns of a table mean, only its mapping tells"},
+)
+def test_reader_csv(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.auto", cases=[Case("text", path=INERTIAL), Case("folder", path=PARQUET)])
+def test_reader_auto(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.csv", cases=[Case(read_back=read_back.csv)])
+def test_exporter_csv(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.tum", cases=[Case(read_back=read_back.tum)])
+def test_exporter_tum(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.kitti", cases=[Case(read_back=read_back.kitti)])
+def test_exporter_kitti(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.gpx", cases=[Case(read_back=read_back.gpx)])
+def test_exporter_gpx(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.kml", cases=[Case(read_back=read_back.kml)])
+def test_exporter_kml(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.geojson", cases=[Case(read_back=read_back.geojson)])
+def test_exporter_geojson(law: BoundLaw) -> None:
+    law()
+
+
+def test_no_stage_is_left_out() -> None:
+    contracts = [getattr(test, MARK, None) for test in globals().values()]
+    held = [name for contract in contracts if contract is not None for name in contract.names]
+    assert sorted(held) == sorted(FIRST_PARTY)
