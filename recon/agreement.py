@@ -34,6 +34,7 @@ class Agreement(NamedTuple):
     """How a speed compares with its reference, where either one moves.
 
     difference : m/s, upper quartile; speed, reference : m/s, medians; ratio : of speed to reference; lag : s
+    highest, reference_highest : m/s
     """
 
     difference: float
@@ -41,6 +42,8 @@ class Agreement(NamedTuple):
     reference: float
     ratio: float
     lag: float
+    highest: float
+    reference_highest: float
 
     @property
     def strong(self) -> bool:
@@ -63,7 +66,8 @@ def agreement(t_ns: NDArray[np.int64], speed: Array, at_ns: NDArray[np.int64], r
         one, other = ours[moving], reference[moving]
         difference = float(np.quantile(np.abs(one - other), 0.75))
         if best is None or difference < best.difference:
-            best = Agreement(difference, float(np.median(one)), float(np.median(other)), _ratio(one, other), float(lag))
+            medians, highest = (float(np.median(one)), float(np.median(other))), (float(one.max()), float(other.max()))
+            best = Agreement(difference, *medians, _ratio(one, other), float(lag), *highest)
     return best
 
 
@@ -87,7 +91,8 @@ def as_metrics(found: Agreement | None, name: str, reference: str) -> list[Metri
     if found.strong:
         text = (
             f"{name} and {reference} disagree: they differ by more than {found.difference:.1f} m/s in a quarter of the "
-            f"time in motion, in which they are {found.speed:.1f} and {found.reference:.1f} m/s (medians)"
+            f"time in motion, in which they are {found.speed:.1f} and {found.reference:.1f} m/s (medians) and reach "
+            f"{found.highest:.1f} and {found.reference_highest:.1f} m/s: do not trust the result before you know why"
         )
         rows.append(warning("; ".join([text, *_likely(found.ratio, reference)])))
     return rows
