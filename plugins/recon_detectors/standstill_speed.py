@@ -65,7 +65,7 @@ class StandstillSpeedParams(Params):
     min_duration: float = quantity(1.0, "s", gt=0, le=86_400, doc="Shortest standstill that counts, margins taken off.")
     margin: float = quantity(0.5, "s", ge=0, le=60, doc="Taken off both ends, because the speed of receivers is late.")
     bridge: float = quantity(
-        0.5, "s", ge=0, le=60, doc="A faster spell up to this long, under the cap, ends no standstill."
+        0.5, "s", ge=0, le=60, doc="A faster spell up to this long, or of one fix, under the cap, ends no standstill."
     )
     max_gap: float = quantity(1.5, "s", gt=0, le=3600, doc="A longer gap between speeds ends a standstill.")
 
@@ -174,7 +174,8 @@ def _bridged(
     """Still, and also the short spells between two still samples in which the speed stays under the cap."""
     spells = runs(~still)
     spells = spells[(spells[:, 0] > 0) & (spells[:, 1] < len(still))]
-    short = t_ns[spells[:, 1]] - t_ns[spells[:, 0] - 1] <= bridge_ns
+    single = np.diff(spells, axis=1)[:, 0] == 1
+    short = single | (t_ns[spells[:, 1]] - t_ns[spells[:, 0] - 1] <= bridge_ns)
     slow = np.maximum.reduceat(speed, spells.ravel())[::2] <= cap if len(spells) else short
     bridged = still.copy()
     for start, stop in spells[short & slow]:

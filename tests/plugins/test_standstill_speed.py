@@ -157,6 +157,14 @@ def test_a_short_spell_of_noise_does_not_end_a_stop() -> None:
     assert len(found(gnss, bridge=0.0)) == 2
 
 
+def test_a_single_fix_of_noise_does_not_end_a_stop_at_any_rate() -> None:
+    speed = np.full(20, 0.02)
+    speed[8] = 0.2  # m/s, between the first threshold and the cap
+    assert len(found(gnss_of(speed, np.arange(20.0)))) == 1
+    speed[9] = 0.2
+    assert len(found(gnss_of(speed, np.arange(20.0)))) == 2
+
+
 def test_a_spell_longer_than_the_bridge_or_faster_than_the_cap_ends_a_stop() -> None:
     assert len(found(gnss_of(stop_and_go((10, 0.1), (0.5, 0.84), (10, 0.1))))) == 2
     assert len(found(gnss_of(stop_and_go((10, 0.1), (0.2, 2.1), (10, 0.1))))) == 2

@@ -1,0 +1,151 @@
+"""How long the thesis' pipeline takes, and how that grows with the log.
+
+    python tests/benchmarks/speed.py [--rows 10000 100000 ...] [--repeats 3]
+
+Logs of physycom `fullinertial` text are made from simulated city drives; each run is a process of its own, timed from
+the end of a small run, which does the imports, to the finished folder, with its peak memory. Single times depend on
+the machine: the slope of time over rows and the ratios between the rows of the table do not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+import recon
+from recon.numerics.rotation import compose, from_rotvec
+from recon.numerics.signals import interpolate, interpolate_angle
+from recon.tables import matrix, seconds, time_ns, vector
+
+ROWS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000)
+EPOCH_2000 = 946_681_200
+"""1999-12-31T23:00:00Z in s since 1970: the zero of physycom's clock."""
+
+RUN = """
+import json, sys, time, recon
+from recon.registry import Registry
+import scipy.signal
+from recon.pipeline import Pipeline
+warm_up, log, out = sys.argv[1:]
+recon.run("thesis", warm_up, out + "-warm")
+start = time.perf_counter()
+run = recon.run("thesis", log, out)
+seconds = time.perf_counter() - start
+try:
+    import resource
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+except ImportError:
+    peak = float("nan")
+print(json.dumps({"seconds": seconds, "peak_mb": peak, "steps": run.manifest["environment"]["step_seconds"]}))
+"""
+
+
+def write_log(path: Path, rows: int) -> int:
+    """A fullinertial log of so many rows at 100 Hz; returns its size in bytes."""
+    made = recon.run("simulated_drive", **{"simulator.drive.duration": f"{rows / 100} s"}).recording
+    imu, gnss = made["imu"], made["gnss"]
+    imu = imu.slice(0, rows)
+    t_ns, fix_ns = time_ns(imu), time_ns(gnss)
+    accel, gyro = matrix(imu, "accel") / 9.80665, np.degrees(matrix(imu, "gyro"))
+    column = {name: interpolate(t_ns, fix_ns, vector(gnss, name)) for name in ("lat", "lon", "height", "speed")}
+    filled = {
+        name: np.where(np.isnan(values), values[~np.isnan(values)][-1], values) for name, values in column.items()
+    }
+    course = np.nan_to_num(np.degrees(interpolate_angle(t_ns, fix_ns, vector(gnss, "course"))) % 360.0)
+    stamps = [f"{ns // 10**9 - EPOCH_2000}.{ns % 10**9 // 10**5:04d}" for ns in t_ns.tolist()]
+    numbers = [
+        filled["lat"].round(7), filled["lon"].round(7), filled["height"].round(2), course.round(2),
+        (filled["speed"] * 3.6).round(3), *accel.T.round(5), *gyro.T.round(5),
+        np.linalg.norm(accel, axis=1).round(5), seconds(imu).round(4),
+    ]  # fmt: skip
+    names = [
+        "timestamp",
+        "lat",
+        "lon",
+        "alt",
+        "heading",
+        "speed",
+        "ax",
+        "ay",
+        "az",
+        "gx",
+        "gy",
+        "gz",
+        "|a|",
+        "time_rel",
+    ]
+    table = pa.table([pa.array(stamps), *numbers], names=names)
+    options = pa.csv.WriteOptions(delimiter="\t", quoting_style="none", include_header=False)
+    with path.open("wb") as file:
+        file.write(("# " + "\t".join(names) + "\n").encode())
+        pa.csv.write_csv(table, file, options)
+    return path.stat().st_size
+
+
+def measure(warm_up: Path, log: Path, out: Path, repeats: int) -> dict[str, float]:
+    """Median time and largest peak memory over several processes."""
+    found = []
+    for number in range(repeats):
+        command = [sys.executable, "-c", RUN, str(warm_up), str(log), str(out / f"{log.stem}-{number}")]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        found.append(json.loads(done.stdout.splitlines()[-1]))
+    return {
+        "seconds": float(np.median([one["seconds"] for one in found])),
+        "read": float(np.median([one["steps"]["reader.auto"] for one in found])),
+        "peak_mb": max(one["peak_mb"] for one in found),
+    }
+
+
+def composition(samples: int = 1_000_000) -> float:
+    """Seconds that the composition of so many rotations takes, the best of five."""
+    dq = from_rotvec(np.random.default_rng(0).normal(0.0, 0.01, (samples, 3)))
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        compose(dq, np.array([1.0, 0.0, 0.0, 0.0]))
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", type=int, nargs="+", default=ROWS)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        print(f"{'rows':>9}  {'MB text':>8}  {'seconds':>8}  {'us/row':>7}  {'read MB/s':>9}  {'peak MB':>8}")
+        times = []
+        warm_up = Path(folder) / "warm-up.txt"
+        write_log(warm_up, 6_000)
+        for rows in options.rows:
+            log = Path(folder) / f"{rows}.txt"
+            size = write_log(log, rows) / 1e6
+            found = measure(warm_up, log, Path(folder), options.repeats)
+            times.append(found["seconds"])
+            print(
+                f"{rows:9d}  {size:8.1f}  {found['seconds']:8.2f}  {found['seconds'] / rows * 1e6:7.2f}"
+                f"  {size / found['read']:9.0f}  {found['peak_mb']:8.0f}",
+                flush=True,
+            )
+    if len(times) > 1:
+        slope = np.polyfit(np.log(options.rows), np.log(times), 1)[0]
+        large = [(rows, seconds) for rows, seconds in zip(options.rows, times, strict=True) if rows >= 100_000]
+        print(f"slope of log time over log rows: {slope:.3f}")
+        if len(large) > 1:
+            tail = np.polyfit(*np.log(np.array(large)).T, 1)[0]
+            print(f"the same from 100 000 rows on: {tail:.3f}")
+    print(f"composition of 1 000 000 quaternions: {composition():.3f} s")
+
+
+if __name__ == "__main__":
+    main()
