@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import Final
 
 from recon import __version__
@@ -63,9 +63,7 @@ class Registry:
 
         Raises ConfigError for a name in `block` that is neither: whoever blocks wants to be sure.
         """
-        found = [
-            (point.name, _source(point)) for point in entry_points(group=GROUP) if not point.name.startswith(PIPELINE)
-        ]
+        found = _installed_sources()
         _refuse_unknown(block, found)
         sources: dict[str, list[Source]] = {}
         blocked: dict[str, str] = {}
@@ -140,10 +138,18 @@ class Registry:
         return did_you_mean(key, self.names(role)) or f"installed: {', '.join(self.names(role)) or 'none of that role'}"
 
 
-def _source(point: EntryPoint) -> Source:
-    distribution = point.dist
-    name, version = (distribution.name, distribution.version) if distribution else ("", "")
-    return Source(name, version, point.value.partition(":")[0].strip())
+def _installed_sources() -> list[tuple[str, Source]]:
+    """Stage and source of every entry point; the metadata of a distribution are parsed once, which takes a while."""
+    told: dict[int, tuple[str, str]] = {}
+    found = []
+    for point in entry_points(group=GROUP):
+        if point.name.startswith(PIPELINE):
+            continue
+        distribution = point.dist
+        if id(distribution) not in told:
+            told[id(distribution)] = (distribution.name, distribution.version) if distribution else ("", "")
+        found.append((point.name, Source(*told[id(distribution)], point.value.partition(":")[0].strip())))
+    return found
 
 
 def _blocking(key: str, source: Source, block: Collection[str], *, first_party_only: bool) -> str:
