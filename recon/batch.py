@@ -25,6 +25,7 @@ its group is called `vehicle` or `drive`.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -169,7 +170,7 @@ def _check_rule(key: str, rule: str, where: Where, form: Form) -> None:
     example = f"write 'parent 1', 'stem' or a regex with a group '(?P<{key}>...)'"
     try:
         named = key in re.compile(rule).groupindex
-    except re.error as error:
+    except (re.error, OverflowError, RecursionError) as error:
         form.report(where, "bad-value", f"{key}: '{rule}' is no regex: {error}", example)
         return
     if not named:
@@ -230,10 +231,11 @@ def _bytes(node: Node | None, key: str, form: Form) -> int | None:
     if node is None:
         return None
     found = _SIZE.fullmatch(str(node.value))
-    if found is None or not float(found[1]):
+    size = float(found[1]) * BYTES[found[2]] if found else 0.0
+    if not 0.0 < size < math.inf:
         form.report(node.where, "bad-value", f"{key} must be a size such as 2 GB", f"units are {', '.join(BYTES)}")
         return None
-    return int(float(found[1]) * BYTES[found[2]])
+    return int(size)
 
 
 def check_batch(batch: BatchFile, registry: Registry) -> list[Problem]:

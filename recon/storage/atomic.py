@@ -15,6 +15,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -29,6 +30,9 @@ MANIFEST: Final = "manifest.json"
 EXPORT_MANIFEST: Final = "export.json"
 MARK: Final = "recon_manifest"
 """Key of the manifest's JSON object by which a folder is known as a result of recon."""
+
+_LEFT_OVER: Final = re.compile(r"\..*\.(partial|replaced)-[0-9a-f]{8}")
+"""Temporary names that a killed process leaves behind."""
 
 _FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _FORBIDDEN: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
@@ -80,7 +84,8 @@ def foreign_file(folder: Path) -> Path | None:
     known: set[Path] = set()
     for manifest in (folder / MANIFEST, *folder.rglob(EXPORT_MANIFEST)):
         known |= {manifest.parent / name for name in _listed(manifest)}
-    return next((path for path in sorted(folder.rglob("*")) if not _is_folder(path) and path not in known), None)
+    others = (path for path in sorted(folder.rglob("*")) if not _is_folder(path) and path not in known)
+    return next((path for path in others if not any(map(_LEFT_OVER.fullmatch, path.relative_to(folder).parts))), None)
 
 
 def _is_folder(path: Path) -> bool:

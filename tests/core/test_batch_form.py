@@ -271,3 +271,9 @@ def test_the_pipeline_lies_relative_to_the_batch_file(tmp_path: Path) -> None:
     (tmp_path / "b.yaml").write_text(LEAST)
     batch, _ = parse(load_file(tmp_path / "b.yaml"))
     assert check_batch(batch, REGISTRY) == []
+
+
+@pytest.mark.parametrize("line", [f"memory: {'9' * 400} GB", "memory: 0 GB"])
+def test_a_size_beyond_all_numbers_is_refused(line: str) -> None:
+    _, problems = parse(load(f"batch: b\npipeline: thesis\ninputs: []\noutput: out\n{line}\n", "b.yaml"))
+    assert "memory must be a size such as 2 GB" in [problem.text for problem in problems]

@@ -372,6 +372,16 @@ def test_a_result_that_holds_a_file_of_somebody_else_is_never_replaced(tmp_path:
         refuse_existing(tmp_path / "run", overwrite=True)
 
 
+def test_what_a_killed_export_left_behind_does_not_keep_a_result_from_being_replaced(tmp_path: Path) -> None:
+    make_result(tmp_path / "run")
+    left = tmp_path / "run" / "exports" / ".csv.partial-0a1b2c3d"
+    left.mkdir(parents=True)
+    (left / "imu.csv").touch()
+    with staged_folder(tmp_path / "run", overwrite=True) as folder:
+        (folder / "new").touch()
+    assert names_in(tmp_path / "run") == ["new"]
+
+
 def test_the_folder_in_which_the_user_stands_is_never_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_result(tmp_path / "run")
     (tmp_path / "run" / "deep").mkdir()
@@ -492,3 +502,53 @@ def test_rows_with_their_step_and_without_times_are_kept(tmp_path: Path, store: 
     table = with_meta(build(by_step("events"), **nothing))
     write_recording(Recording({"events": table}), tmp_path, store)
     assert read_recording(tmp_path)["events"].equals(table, check_metadata=True)
+
+
+@pytest.mark.parametrize("store", STORES)
+def test_times_that_fall_are_refused_as_damage_of_the_file(tmp_path: Path, store: str) -> None:
+    falling = build(BARO, time=np.array([5, 3]), pressure=np.ones(2))
+    write_recording(Recording({"baro": falling}), tmp_path, store)
+    with pytest.raises(ReadFailed, match="stream 'baro': time does not rise at row 1"):
+        read_recording(tmp_path)
+
+
+@pytest.mark.parametrize("store", STORES)
+def test_facts_of_a_column_that_are_no_text_are_refused(tmp_path: Path, store: str) -> None:
+    table = imu(4)
+    field = table.schema.field("accel_x").with_metadata({"unit": b"m/s\xff2"})
+    damaged = table.set_column(table.column_names.index("accel_x"), field, table["accel_x"])
+    write_recording(Recording({"imu": damaged}), tmp_path, store)
+    with pytest.raises(ReadFailed, match="what it says of stream 'imu' is damaged"):
+        read_recording(tmp_path)
+
+
+@pytest.mark.parametrize("store", STORES)
+def test_metrics_with_a_strange_column_are_refused(tmp_path: Path, store: str) -> None:
+    table = metrics([Metric("yaw", 1.0)])
+    strange = table.rename_columns(["lmw" if name == "low" else name for name in table.column_names])
+    write_recording(Recording({"metrics": strange}), tmp_path, store)
+    with pytest.raises(ReadFailed, match="what it says of stream 'metrics' is damaged"):
+        read_recording(tmp_path)
+
+
+def test_text_that_is_no_utf8_is_refused(tmp_path: Path) -> None:
+    """Checksums vouch for what was written, not for its being right."""
+    offsets, text = pa.py_buffer(np.array([0, 3], np.int32)), pa.py_buffer(b"a\xffc")
+    wrong = pa.table({"file": pa.Array.from_buffers(pa.string(), 1, [None, offsets, text])})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, wrong.schema) as stream:
+        stream.write_table(wrong)
+    _mcap_of(sink.getvalue().to_pybytes(), tmp_path / "drive.mcap")
+    with pytest.raises(ReadFailed, match="cut short or damaged"):
+        read_recording(tmp_path / "drive.mcap")
+
+
+def _mcap_of(message: bytes, path: Path) -> None:
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile=mcap.PROFILE)
+        channel = writer.register_channel("frames", mcap.MESSAGE_ENCODING, schema_id=0)
+        writer.add_message(channel, 0, message, 0)
+        writer.finish()

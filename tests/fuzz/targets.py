@@ -1,0 +1,243 @@
+"""What is fuzzed: whole samples, made here, and what is done with each damaged one."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+import recon
+from recon import GNSS, IMU, Metric, Pipeline, Recording, Registry, build, events, metrics
+from recon.api import execute
+from recon.batch import check_batch
+from recon.batch import parse as parse_batch
+from recon.errors import ConfigError
+from recon.form import is_batch
+from recon.overrides import Override
+from recon.pipeline import shipped
+from recon.rows import Event
+from recon.stages import Reader
+from recon.storage import mcap, write_recording
+from recon.validation import validate_pipeline
+from recon.yaml_nodes import load_file
+
+Sample: TypeAlias = Mapping[str, bytes]
+"""Files by their path in a folder; a single one is used as it is, several as the folder."""
+
+START_NS: Final = 1_501_762_930_123_456_789
+HEAD_BYTES: Final = 65536
+
+
+@dataclass(frozen=True)
+class Target:
+    """samples : made once; attempt : gives rows or raises a ReconError for the file or folder it is given."""
+
+    samples: Callable[[], Sequence[Sample]]
+    attempt: Callable[[Path], None]
+
+
+@cache
+def registry() -> Registry:
+    return Registry.installed()
+
+
+def read_by(key: str, *overrides: Override) -> Callable[[Path], None]:
+    """Ask a reader whether a file is its own, then read it as a run does; rows must be whole Arrow data."""
+
+    def attempt(path: Path) -> None:
+        reader = registry().get(key)
+        assert isinstance(reader, Reader)
+        assert reader.sniff is not None
+        reader.sniff(path, b"" if path.is_dir() else path.read_bytes()[:HEAD_BYTES])
+        found = execute(Pipeline.of("read", key), path, None, overrides, registry=registry()).recording
+        for table in found.values():
+            table.validate(full=True)
+        if path.is_dir() and (path / "manifest.json").exists():
+            recon.open(path)._repr_html_()
+
+    return attempt
+
+
+# --- physycom ---------------------------------------------------------------------------------------------------------
+
+
+def physycom_samples() -> list[Sample]:
+    """Every format, with and without header, parted by tabs and by spaces; GNSS as an array and as an object."""
+    rng = np.random.default_rng(1)
+    t_s = np.arange(60) * 0.01
+    time = [f"{518_716_448 + seconds:.4f}" for seconds in t_s]
+    accel, gyro = rng.normal([0, 0, 1], 0.02, (60, 3)), rng.normal(size=(60, 3))
+    size = np.linalg.norm(accel, axis=1)
+    place = np.column_stack([44.5 + 1e-5 * t_s, 11.35 + 1e-5 * t_s, 45 + t_s, 350 + t_s, 36 + t_s])
+    place = place[np.arange(60) // 10 * 10]
+    inertial = np.column_stack([place[:, 4:], accel, gyro, size, t_s])
+    full = np.column_stack([place, accel, gyro, size, t_s])
+    texts = [
+        _rows(time, full, "\t", "# timestamp lat lon alt heading speed ax ay az gx gy gz |a| timestamp_rel"),
+        _rows(time, inertial, " ", ""),
+        _rows(time, accel, "\t", "# timestamp ax ay az"),
+        _rows(time, gyro, " ", "timestamp gx gy gz"),
+    ]
+    records = [
+        {"lat": lat, "lon": lon, "alt": alt, "heading": course, "fix": 1, "speed": speed, "timestamp": float(at)}
+        for at, (lat, lon, alt, course, speed) in zip(time[::10], place[::10].tolist(), strict=True)
+    ]
+    speeds = [{**record, "speed": {"min": 1.0, "mean": record["speed"], "max": 99.0}} for record in records]
+    texts += [json.dumps(records, indent=1), json.dumps({f"gnss_record_{n}": each for n, each in enumerate(speeds)})]
+    return [{"log.txt": text.encode()} for text in texts]
+
+
+def _rows(time: list[str], values: Any, separator: str, header: str) -> str:
+    rows = (separator.join([at, *(f"{value:.7f}" for value in row)]) for at, row in zip(time, values, strict=True))
+    return "\n".join([*([header.replace(" ", separator)] if header else []), *rows, ""])
+
+
+# --- YAML -------------------------------------------------------------------------------------------------------------
+
+_PIPELINE: Final = b"""\
+recon: 1
+name: all_there_is
+about: "Every key of a pipeline, \\u00fc"
+store: mcap
+steps:
+  - use: reader.auto
+    params: {reader.physycom: {gravity: 9.81 m/s^2, sensor: gyroscope}}
+  - {use: filter.resample, params: {rate: 100 Hz}}
+  - use: filter.moving_average
+    id: smooth
+    params:
+      window: 50 ms
+    in: {imu: imu_2}
+    out: {imu: imu_2}
+  - use: exporter.csv
+"""
+_BATCH: Final = b"""\
+recon: 1
+batch: june_fleet
+pipeline: thesis
+inputs:
+  - glob: data/*/2026-06-*/*.txt
+    vehicle: parent 2
+    drive: 'drive_(?P<drive>[0-9]+)'
+  - list: drives.csv
+output: results
+defaults: {reader.auto: {reader.physycom: {gravity: 9.80665 m/s^2}}}
+vehicles:
+  A12: {fuser.weighted_average: {weight: 0.05}}
+exports: [csv, gpx]
+on_error: continue
+retries: 1
+timeout: 10 min
+memory: 2 GB
+resume: true
+"""
+
+
+def yaml_samples() -> list[Sample]:
+    texts = [path.read_bytes() for path in shipped().values()] + [_PIPELINE, _BATCH, _BATCH]
+    return [{"file.yaml": text} for text in texts]
+
+
+def validate(path: Path) -> None:
+    """What `recon validate` does."""
+    root = load_file(path)
+    if is_batch(root):
+        batch, problems = parse_batch(root)
+        problems = problems + check_batch(batch, registry())
+    else:
+        pipeline, problems = validate_pipeline(root, registry())
+        if not problems:
+            Pipeline.from_text(pipeline.to_yaml())
+    if problems:
+        raise ConfigError(problems)
+
+
+# --- storage ----------------------------------------------------------------------------------------------------------
+
+
+def recording() -> Recording:
+    """Every kind of column, nulls and no rows among them."""
+    rng = np.random.default_rng(1)
+    t_ns = START_NS + np.arange(50) * 10_000_000
+    gyro = rng.normal(size=(50, 3))
+    gyro[::7, 1] = np.nan
+    fix = pa.array([3, None, 0, 1, 3], pa.int32())
+    streams = {
+        "imu": build(IMU, time=t_ns, accel=rng.normal(size=(50, 3)), gyro=gyro),
+        "gnss": build(GNSS, time=t_ns[:5], lat=np.full(5, 44.5), lon=np.full(5, 11.3), fix=fix),
+        "events": events([Event(START_NS, START_NS + 1, "crash", 12.5, "m/s", 'said "stop"')]),
+        "metrics": metrics([Metric("yaw", 1.25, "deg"), Metric("warning", note="na\u00efve")]),
+        "imu_2": build(IMU, time=t_ns[:0], accel=np.zeros((0, 3)), gyro=np.zeros((0, 3))),
+    }
+    return Recording(streams, {"sources": ["drive.txt"]})
+
+
+def parquet_samples() -> list[Sample]:
+    """Folders with streams and of a run, and single files: of recon, and of another program without checksums."""
+    with tempfile.TemporaryDirectory() as scratch:
+        write_recording(recording(), Path(scratch), "parquet")
+        recon.run(Pipeline.of("keep"), recording(), Path(scratch, "run"))
+        own, run = _files(Path(scratch, "streams")), _files(Path(scratch, "run"))
+    sink = BytesIO()
+    plain = recording()["imu"].replace_schema_metadata()
+    pyarrow.parquet.write_table(plain, sink, compression="none", row_group_size=20, store_schema=False)
+    return [
+        own,
+        run,
+        *({name: own[name]} for name in ("imu.parquet", "events.parquet", "gnss.parquet")),
+        {"imu.parquet": sink.getvalue()},
+    ]
+
+
+def mcap_samples() -> list[Sample]:
+    """A file of recon, a run's folder, and the file once more without checksums and compression."""
+    with tempfile.TemporaryDirectory() as scratch:
+        recon.run(Pipeline.of("keep"), recording(), Path(scratch, "run"), store="mcap")
+        run = _files(Path(scratch, "run"))
+    file = run["streams.mcap"]
+    return [{"drive.mcap": file}, run, {"drive.mcap": _unguarded(file)}, {"drive.mcap": _unguarded(file)}]
+
+
+def _unguarded(file: bytes) -> bytes:
+    """The same records without checksums and compression, so that damage reaches what lies behind them."""
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+
+    sink = BytesIO()
+    writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False, use_chunking=False)
+    writer.start(profile=mcap.PROFILE)
+    reader = make_reader(BytesIO(file))
+    for record in reader.iter_metadata():
+        writer.add_metadata(record.name, record.metadata)
+    channels: dict[int, int] = {}
+    for schema, channel, message in reader.iter_messages():
+        assert schema is not None
+        if channel.id not in channels:
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+        writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+    writer.finish()
+    return sink.getvalue()
+
+
+def _files(folder: Path) -> Sample:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+_FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
+
+TARGETS: Final[dict[str, Target]] = {
+    "physycom": Target(physycom_samples, read_by("reader.physycom", _FOUR_COLUMNS)),
+    "yaml": Target(yaml_samples, validate),
+    "parquet": Target(parquet_samples, read_by("reader.parquet")),
+    "mcap": Target(mcap_samples, read_by("reader.mcap")),
+}
