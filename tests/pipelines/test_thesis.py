@@ -77,10 +77,14 @@ def test_equal_runs_have_equal_manifests_and_bytes(crash: recon.Run, logs: Path,
 
 @pytest.mark.parametrize("motion", ["circle", "spring"])
 def test_simulated_motion_comes_back_to_the_analytic_path(motion: str) -> None:
-    """Figures 6.1 and 6.2: the sensors are perfect, so that what is left is the error of integration and of GNSS."""
+    """Figures 6.1 and 6.2: the sensors are perfect, so that what is left is the error of integration and of GNSS.
+
+    The rules err by micrometres at this rate. GNSS positions are joined by lines: with h = 0.1 s between fixes and an
+    acceleration of v^2 / r = 8^2 / 20 m/s^2 they are off by up to a h^2 / 8; the same again for pulling away.
+    """
     made = recon.run("simulated_drive", **{"simulator.drive.motion": motion, "simulator.drive.sensors": "perfect"})
     run = recon.run("thesis", made.recording, **{"fuser.weighted_average.vertical": "gnss"})
     reference = made.recording["reference"]
     assert np.isfinite(matrix(run.trajectory.table, "pos")).all()
     found = recon.trajectory.deviation(run.trajectory.table, reference)
-    assert found.horizontal < 0.5
+    assert found.horizontal < 2.0 * (8.0**2 / 20.0) * 0.1**2 / 8.0
