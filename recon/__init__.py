@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from recon.api import Run, open, read, run
+    from recon.api import Run, evaluate, open, read, run
     from recon.errors import (
         ConfigError,
         ContractError,
@@ -84,7 +84,7 @@ if TYPE_CHECKING:
     from recon.trajectory import Pose, Poses, Trajectory
 
 _HOMES = {
-    "api": "Run open read run",
+    "api": "Run evaluate open read run",
     "errors": "ConfigError ContractError DataError NotEnoughData PluginError ReadFailed ReconError StageError "
     "StorageError",
     "hookspecs": "hookimpl",
@@ -154,6 +154,7 @@ __all__ = [
     "Trajectory",
     "__version__",
     "build",
+    "evaluate",
     "events",
     "has",
     "hookimpl",

@@ -3,6 +3,7 @@
 run = recon.run("thesis", "drive.txt", out="result", **{"fuser.weighted_average.weight": 0.02})
 run.trajectory.table, run.events, run.metrics, run.manifest
 again = recon.open("result")
+recon.evaluate(run, "rtk.csv").position["horizontal"]
 log = recon.read("drive.txt")
 """
 
@@ -17,9 +18,11 @@ from typing import Any, TypeAlias
 
 import pyarrow as pa
 
+from recon import evaluation
 from recon import manifest as manifests
 from recon.check import check, with_exports
 from recon.errors import ConfigError, DataError
+from recon.numerics.evaluation import Alignment
 from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.plan import Plan, PlannedStep
@@ -187,6 +190,29 @@ def read(
     chosen = [Override.from_data(target, value) for target, value in overrides.items()]
     pipeline = Pipeline.of("read", "reader.auto")
     return execute(pipeline, path, None, chosen, registry=registry or Registry.installed()).recording
+
+
+def evaluate(
+    run: Run | str | Path,
+    reference: Run | Recording | str | Path | None = None,
+    *,
+    align: Alignment = "none",
+) -> evaluation.Evaluation:
+    """Errors of a run's trajectory against a reference, and whether its sigmas are honest.
+
+    run : a finished run, or its folder
+    reference : what holds a stream `reference` or `trajectory`: another run, a recording, a log; by default the
+        reference that the run itself holds
+
+    Raises ReadFailed, DataError.
+    """
+    finished = run if isinstance(run, Run) else open(run)
+    if reference is None and "reference" not in finished.recording:
+        raise DataError("this run holds no reference", "name one: another run, or a log of the same drive")
+    given = finished if reference is None else read(reference) if isinstance(reference, str | Path) else reference
+    holder = given.recording if isinstance(given, Run) else given
+    _, table = evaluation.reference_in(holder)
+    return evaluation.evaluate(finished.trajectory.table, table, finished.events, align=align)
 
 
 def export(finished: Run, names: Iterable[str], registry: Registry | None = None) -> list[Path]:

@@ -13,6 +13,7 @@ from recon import __version__
 from recon.cli import _console as console
 from recon.cli.convert import convert
 from recon.cli.demo import demo
+from recon.cli.evaluate import evaluate
 from recon.cli.export import export
 from recon.cli.inspect import inspect
 from recon.cli.new_plugin import new_plugin
@@ -25,7 +26,7 @@ from recon.errors import ConfigError
 UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
-_VERBS: Final = (run, validate, inspect, plugins, export, convert, demo, schema, new_plugin)
+_VERBS: Final = (run, validate, inspect, evaluate, plugins, export, convert, demo, schema, new_plugin)
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name
 
 
