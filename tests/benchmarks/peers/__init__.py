@@ -1,0 +1,11 @@
+"""Peers: other ways to solve the same drive, as good as an expert makes them in a day, to compare `fuser.map` with.
+
+| peer        | what it is                                                                                    |
+|-------------|-----------------------------------------------------------------------------------------------|
+| gtsam_batch | factor graph of the GTSAM library: IMU preintegration, GNSS position and velocity, robust loss |
+| ekf_rts     | error-state Kalman filter of 21 states and Rauch-Tung-Striebel smoother, vehicle constraints   |
+
+A peer is a function solve(drive) -> Estimate. It is told more than `fuser.map`, which knows the log alone: the true
+attitude at the first sample, the class of the sensors' noise, the lever arm of the antenna, and (ekf_rts) the true
+mounting and the true place of the rear axle. Where a peer is near to recon, it is so with these gifts.
+"""
