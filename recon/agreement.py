@@ -57,7 +57,7 @@ def agreement(t_ns: NDArray[np.int64], speed: Array, at_ns: NDArray[np.int64], r
     t_ns : (n,) ns, strictly increasing; speed : (n,) m/s, NaN where unknown
     at_ns : (m,) ns; reference : (m,) m/s, NaN where unknown
     """
-    best = None
+    best: tuple[float, float, Array, Array] | None = None
     for lag in LAGS_S:
         ours = interpolate(at_ns - round(lag * 1e9), t_ns, speed, MAX_GAP_NS)
         moving = np.maximum(ours, reference) > MARGIN  # false where either one is NaN
@@ -65,10 +65,15 @@ def agreement(t_ns: NDArray[np.int64], speed: Array, at_ns: NDArray[np.int64], r
             continue
         one, other = ours[moving], reference[moving]
         difference = float(np.quantile(np.abs(one - other), 0.75))
-        if best is None or difference < best.difference:
-            medians, highest = (float(np.median(one)), float(np.median(other))), (float(one.max()), float(other.max()))
-            best = Agreement(difference, *medians, _ratio(one, other), float(lag), *highest)
-    return best
+        if best is None or difference < best[0]:
+            best = (difference, float(lag), one, other)
+    return None if best is None else _told(*best)
+
+
+def _told(difference: float, lag: float, one: Array, other: Array) -> Agreement:
+    """The comparison of two speeds (n,) m/s at the best lag."""
+    medians, highest = (float(np.median(one)), float(np.median(other))), (float(one.max()), float(other.max()))
+    return Agreement(difference, *medians, _ratio(one, other), lag, *highest)
 
 
 def _ratio(one: Array, other: Array) -> float:

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -102,10 +103,16 @@ def make(
             "host": platform.node(),
             "platform": platform.platform(),
             "python": sys.version.split()[0],
-            "packages": {name: version(name) for name in ("numpy", "pyarrow", "scipy")},
+            "packages": _packages(),
         },
     }
     return dict(json.loads(to_json(made)))
+
+
+@cache
+def _packages() -> dict[str, str]:
+    """Versions of the packages on which the numbers rest; looking them up takes longer than a small table."""
+    return {name: version(name) for name in ("numpy", "pyarrow", "scipy")}
 
 
 def write(manifest: Mapping[str, Any], folder: Path) -> Path:

@@ -235,7 +235,9 @@ def _kept(recording: Recording, step: PlannedStep, returned: Streams) -> Recordi
         if name in APPENDED:
             before = recording.get(name)
             if before is not None and "step" in before.column_names:
-                before = before.filter(pc.fill_null(pc.not_equal(before["step"], step.id), True))
+                own = pc.equal(before["step"], step.id)
+                if pc.any(own).as_py():
+                    before = before.filter(pc.invert(pc.fill_null(own, False)))
             updates[name] = append(before, _marked(table, name, step.id))
         else:
             updates[name] = table

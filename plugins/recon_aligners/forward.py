@@ -30,7 +30,6 @@ from recon import (
     Metric,
     Params,
     Streams,
-    has,
     hookimpl,
     matrix,
     metrics,
@@ -46,6 +45,7 @@ from recon.numerics.integration import cumulative
 from recon.numerics.rotation import Floats, from_euler, rotate
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.placing import rows_during
+from recon_aligners._over_ground import speed_of
 
 OF_LEVELLED = "about the vertical, of the box after it was levelled: with its tilt no triple of Euler angles"
 STEP_S = 0.1
@@ -127,7 +127,7 @@ def _metrics(found: Direction) -> list[Metric]:
 def _find(imu: pa.Table, gnss: pa.Table | None, events: pa.Table | None, params: ForwardParams) -> Direction:
     """Forward by GNSS speed where there is one, else by the principal axis; raises NotEnoughData."""
     windows = _straight_windows(imu, params)
-    speed = _speed(gnss)
+    speed = speed_of(gnss)
     if gnss is not None and speed is not None:
         found, along = _by_speed(windows, seconds(gnss, since=_first_ns(imu)), speed, params)
     else:
@@ -179,25 +179,12 @@ def _means(t_s: Floats, y: Floats, middle_s: Floats, window: float) -> Floats:
     return (later - earlier) / window
 
 
-def _speed(gnss: pa.Table | None) -> Floats | None:
-    """Speed over ground: (n,) m/s, NaN where unknown; None where there is none."""
-    if gnss is None:
-        return None
-    if has(gnss, "speed"):
-        return vector(gnss, "speed", gaps=True)
-    if has(gnss, "vel_e") and has(gnss, "vel_n"):
-        return np.hypot(vector(gnss, "vel_e", gaps=True), vector(gnss, "vel_n", gaps=True))
-    return None
-
-
 def _by_speed(windows: Windows, fix_s: Floats, speed: Floats, params: ForwardParams) -> tuple[Direction, Floats]:
     """Direction in which the acceleration follows the rate of speed, and that rate at the best lag."""
     best, best_rate = None, np.zeros(0)
     for lag in LAGS_S:
-        later, earlier = (
-            interpolate(windows.middle_s + lag + side * params.window / 2.0, fix_s, speed, MAX_GAP_S)
-            for side in (1.0, -1.0)
-        )
+        ends_s = np.add.outer([params.window / 2.0, -params.window / 2.0], windows.middle_s + lag)
+        later, earlier = interpolate(ends_s.ravel(), fix_s, speed, MAX_GAP_S).reshape(ends_s.shape)
         rate = (later - earlier) / params.window
         known = np.isfinite(rate)
         found = _regress(windows.accel_l[known], rate[known], params.window, float(lag))

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -76,6 +76,14 @@ class GnssKinematicsParams(Params):
     )
 
 
+class Placed(NamedTuple):
+    """The anchor, positions (n, 3) m local with NaN in other rows, and what had to be assumed."""
+
+    anchor: Anchor
+    pos: Array
+    notes: list[Metric]
+
+
 def gnss_kinematics(*, gnss: pa.Table, params: GnssKinematicsParams) -> Streams:
     """Add pos, vel and acc, each (n, 3) m, m/s, m/s^2, local; null where unknown.
 
@@ -87,8 +95,7 @@ def gnss_kinematics(*, gnss: pa.Table, params: GnssKinematicsParams) -> Streams:
     if not fixed.any():
         return _without_positions(gnss)
     t_ns, gap_ns = time_ns(gnss), round(params.max_gap * 1e9)
-    fixed, left_out = _believed(gnss, fixed, params)
-    anchor, pos, notes = _positions(gnss, fixed, params)
+    fixed, (anchor, pos, notes), left_out = _believed(gnss, fixed, params)
     derived = _derivative(t_ns, pos, gap_ns)
     vel, more_notes = _velocities(gnss, derived, params)
     acc = _derivative(t_ns, vel, gap_ns)
@@ -116,14 +123,14 @@ def _fixed(gnss: pa.Table) -> NDArray[np.bool_]:
 
 def _believed(
     gnss: pa.Table, fixed: NDArray[np.bool_], params: GnssKinematicsParams
-) -> tuple[NDArray[np.bool_], list[Metric]]:
-    """The rows with a newly reported position that can be driven through, and what was left out."""
+) -> tuple[NDArray[np.bool_], Placed, list[Metric]]:
+    """The rows with a newly reported position that can be driven through, where they are, and what was left out."""
     t_ns, rows = time_ns(gnss), np.flatnonzero(fixed)
     place = np.column_stack([vector(gnss, name, gaps=True)[rows] for name in ("lat", "lon")])
     new = reported(t_ns[rows], place, round(params.max_gap * 1e9))
     held, rows = int((~new).sum()), rows[new]
-    _, pos, _ = _positions(gnss, _mask(rows, len(t_ns)), params)
-    good = drivable((t_ns[rows] - t_ns[rows[0]]) * 1e-9, pos[rows], params.max_speed)
+    placed = _positions(gnss, rows, params)
+    good = drivable((t_ns[rows] - t_ns[rows[0]]) * 1e-9, placed.pos[rows], params.max_speed)
     learnt = [Metric("positions_repeated", float(held), note="between two reports: left out")]
     learnt.append(Metric("positions_impossible", float((~good).sum()), note="too far apart in too short a time"))
     if not good.all():
@@ -134,13 +141,11 @@ def _believed(
                 f"{params.max_speed * 3.6:g} km/h and are left out, first at {moment(t_ns, int(bad[0]))}"
             )
         )
-    return _mask(rows[good], len(t_ns)), learnt
-
-
-def _mask(rows: NDArray[np.intp], n: int) -> NDArray[np.bool_]:
-    mask = np.zeros(n, dtype=bool)
-    mask[rows] = True
-    return mask
+        rows = rows[good]
+        placed = _positions(gnss, rows, params)
+    believed = np.zeros(len(t_ns), dtype=bool)
+    believed[rows] = True
+    return believed, placed, learnt
 
 
 def _compared(gnss: pa.Table, derived: Array) -> list[Metric]:
@@ -161,17 +166,14 @@ def _without_positions(gnss: pa.Table) -> Streams:
     return {"gnss": gnss, "metrics": metrics([none])}
 
 
-def _positions(
-    gnss: pa.Table, fixed: NDArray[np.bool_], params: GnssKinematicsParams
-) -> tuple[Anchor, Array, list[Metric]]:
-    """The anchor, positions (n, 3) m local with NaN where there is no fix, and what had to be assumed."""
-    rows = np.flatnonzero(fixed)
+def _positions(gnss: pa.Table, rows: NDArray[np.intp], params: GnssKinematicsParams) -> Placed:
+    """Where these rows of gnss, the first of them the anchor, are in local metres."""
     lat, lon = (vector(gnss, name, gaps=True)[rows] for name in ("lat", "lon"))
     height, notes = _heights(gnss, rows)
     anchor = Anchor(float(lat[0]), float(lon[0]), float(height[0]))
-    pos = np.full((len(fixed), 3), np.nan)
+    pos = np.full((gnss.num_rows, 3), np.nan)
     pos[rows] = geodetic_to_enu(lat, lon, height, anchor, _EARTHS[params.earth])
-    return anchor, pos, notes
+    return Placed(anchor, pos, notes)
 
 
 def _heights(gnss: pa.Table, rows: NDArray[np.intp]) -> tuple[Array, list[Metric]]:

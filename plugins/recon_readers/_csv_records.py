@@ -49,6 +49,13 @@ def raw_fields(record: bytes, delimiter: str) -> list[bytes]:
     return fields[:-1] if len(fields) > 1 and found[-2][1] == b"" else fields
 
 
+def width_of(record: bytes, delimiter: str) -> int:
+    """How many fields a record has."""
+    if delimiter == "space":
+        return len(record.split())
+    return len(raw_fields(record, delimiter)) if b'"' in record else record.count(DELIMITERS[delimiter]) + 1
+
+
 def fields(record: bytes, delimiter: str) -> list[bytes]:
     """The fields of a record, without quotes, spaces around them, and delimiters."""
     mark = DELIMITERS[delimiter]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from recon.errors import ReadFailed
-from recon_readers._csv_records import DELIMITERS, NUMBER, Record, fields, is_row, raw_fields, records
+from recon_readers._csv_records import DELIMITERS, NUMBER, Record, fields, is_row, raw_fields, records, width_of
 from recon_readers._csv_sheet import Sheet
 from recon_readers._delimited import HEAD_BYTES, contents, not_text, plain
 
@@ -106,7 +106,7 @@ def _shape(path: Path, rows: Sequence[Record], delimiter: str) -> tuple[str, int
     """The delimiter that parts most records into equally many columns, and how many these are."""
     best: tuple[int, str, int] = (0, "", 0)
     for name in DELIMITERS if delimiter == "auto" else (delimiter,):
-        counts = Counter(len(raw_fields(text, name)) for _, _, text in rows)
+        counts = Counter(width_of(text, name) for _, _, text in rows)
         width, count = max(((w, c) for w, c in counts.items() if w > 1), key=lambda it: it[1], default=(0, 0))
         if count > best[0]:
             best = (count, name, width)
@@ -139,7 +139,7 @@ def _header(
 
 
 def _decimal(rows: Sequence[Record], delimiter: str) -> str:
-    if delimiter == "comma":
+    if delimiter == "comma" or not any(b"," in text for _, _, text in rows):
         return "point"
     parts = [part for _, _, text in rows for part in fields(text, delimiter)]
     commas = sum(bool(_WITH_COMMA.fullmatch(part)) for part in parts)

@@ -175,7 +175,9 @@ def interpolate(t_new: ArrayLike, t: ArrayLike, y: ArrayLike, max_gap: float | N
     result = np.full((len(t_new), *y.shape[1:]), np.nan)
     for column, target in zip(_columns(y), _columns(result), strict=True):
         known = ~np.isnan(column)
-        if known.any():
+        if known.all() and len(column):
+            target[:] = _interpolate_known(t_new, t, column, max_gap)
+        elif known.any():
             target[:] = _interpolate_known(t_new, t[known], column[known], max_gap)
     return result
 

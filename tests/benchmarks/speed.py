@@ -3,8 +3,8 @@
     python tests/benchmarks/speed.py [--rows 10000 100000 ...] [--repeats 3]
 
 Logs of physycom `fullinertial` text are made from simulated city drives; each run is a process of its own, timed from
-the end of a small run, which does the imports, to the finished folder, with its peak memory. Single times depend on
-the machine: the slope of time over rows and the ratios between the rows of the table do not.
+the end of a small run, which does the imports and loads the stages, to the finished folder, with its peak memory.
+Single times depend on the machine: the slope of time over rows and the ratios between the rows of the table do not.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +33,11 @@ EPOCH_2000 = 946_681_200
 
 RUN = """
 import json, sys, time, recon
-from recon.registry import Registry
-import scipy.signal
-from recon.pipeline import Pipeline
 warm_up, log, out = sys.argv[1:]
-recon.run("thesis", warm_up, out + "-warm")
+registry = recon.Registry.installed()
+recon.run("thesis", warm_up, out + "-warm", registry=registry)
 start = time.perf_counter()
-run = recon.run("thesis", log, out)
+run = recon.run("thesis", log, out, registry=registry)
 seconds = time.perf_counter() - start
 try:
     import resource
@@ -116,6 +115,21 @@ def composition(samples: int = 1_000_000) -> float:
     return min(times)
 
 
+def growth(rows: Sequence[int], times: Sequence[float]) -> list[str]:
+    """How time grows with rows: powers of the rows, and the line through all points, by relative least squares."""
+    n, taken = np.array(rows, dtype=np.float64), np.array(times)
+    told = []
+    for smallest in (0, 30_000, 100_000):
+        chosen = n >= smallest
+        if chosen.sum() > 1:
+            slope = np.polyfit(np.log(n[chosen]), np.log(taken[chosen]), 1)[0]
+            told.append(f"slope of log time over log rows from {n[chosen][0]:.0f} rows on: {slope:.3f}")
+    if len(n) > 1:
+        each, fixed = np.polyfit(n, taken, 1, w=1.0 / taken)
+        told.append(f"time = {fixed * 1e3:.0f} ms + {each * 1e6:.2f} us a row")
+    return told
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -137,13 +151,7 @@ def main() -> None:
                 f"  {size / found['read']:9.0f}  {found['peak_mb']:8.0f}",
                 flush=True,
             )
-    if len(times) > 1:
-        slope = np.polyfit(np.log(options.rows), np.log(times), 1)[0]
-        large = [(rows, seconds) for rows, seconds in zip(options.rows, times, strict=True) if rows >= 100_000]
-        print(f"slope of log time over log rows: {slope:.3f}")
-        if len(large) > 1:
-            tail = np.polyfit(*np.log(np.array(large)).T, 1)[0]
-            print(f"the same from 100 000 rows on: {tail:.3f}")
+    print("\n".join(growth(options.rows, times)))
     print(f"composition of 1 000 000 quaternions: {composition():.3f} s")
 
 

@@ -51,13 +51,18 @@ def registry() -> Registry:
 
 
 def read_by(key: str, *overrides: Override) -> Callable[[Path], None]:
-    """Ask a reader whether a file is its own, then read it as a run does; rows must be whole Arrow data."""
+    """Ask a reader whether a file is its own, and what it makes of it, then read it as a run does.
+
+    Rows must be whole Arrow data.
+    """
 
     def attempt(path: Path) -> None:
         reader = registry().get(key)
         assert isinstance(reader, Reader)
         assert reader.sniff is not None
         reader.sniff(path, b"" if path.is_dir() else path.read_bytes()[:HEAD_BYTES])
+        if reader.propose is not None:
+            reader.propose([path])
         found = execute(Pipeline.of("read", key), path, None, overrides, registry=registry()).recording
         for table in found.values():
             table.validate(full=True)
@@ -99,6 +104,76 @@ def physycom_samples() -> list[Sample]:
 def _rows(time: list[str], values: Any, separator: str, header: str) -> str:
     rows = (separator.join([at, *(f"{value:.7f}" for value in row)]) for at, row in zip(time, values, strict=True))
     return "\n".join([*([header.replace(" ", separator)] if header else []), *rows, ""])
+
+
+# --- delimited text ---------------------------------------------------------------------------------------------------
+
+_COLUMNS: Final = {
+    "imu": {
+        "time": {"column": "millis", "format": "unix", "unit": "ms"},
+        "axes": "FRD",
+        "accel": {"columns": ["ax", "ay", "az"], "unit": "g", "at_rest": "down"},
+        "gyro": {"columns": ["gx", "gy", "gz"], "unit": "deg/s", "scale": 0.5},
+    },
+    "gnss": {
+        "time": {"column": "utc", "format": "iso", "zone": "+02:00"},
+        "valid": {"column": "status", "values": ["A", 'said "D"']},
+        "height_datum": "ellipsoid",
+        "lat": {"column": "lat"},
+        "lon": {"column": "lon"},
+        "height": {"column": "alt", "unit": "m", "invalid": [-9999]},
+        "speed": {"column": "km/h", "unit": "km/h"},
+    },
+    "mag": {
+        "file": "*.dat",
+        "time": {"columns": [1, 2], "format": "gps_week"},
+        "mag": {"columns": [3, 4, 5], "unit": "uT"},
+    },
+    "baro": {
+        "time": {"column": "uptime", "format": "relative", "unit": "us", "start": "2026-06-08T14:54:08Z"},
+        "pressure": {"column": "hPa", "unit": "hPa"},
+    },
+    "wheel": {
+        "time": {"column": "clock", "format": "time_of_day", "start": "2026-06-08", "scale": "GPS"},
+        "same_time": "first",
+        "speed": {"column": "wheel", "unit": "mph"},
+    },
+}
+"""One mapping for all samples, of which each holds some of the streams."""
+
+
+def csv_samples() -> list[Sample]:
+    """Each delimiter, both decimal marks, quotes, comments, blanks, UTF-16; with header and without."""
+    rng = np.random.default_rng(1)
+    step = np.arange(60)
+    imu = [
+        ["millis", "ax", "ay", "az", "gx", "gy", "gz"],
+        *([f"{1_780_930_448_000 + 10 * n}", *(f"{v:.5f}" for v in rng.normal(size=6))] for n in step),
+    ]
+    gnss = [["utc", "status", "lat", "lon", "alt", "km/h"]]
+    for n in step:
+        time = f'"2026-06-08 16:54:{8 + n // 10:02d}.{n % 10}"'
+        place = [f"{44.5 + 1e-5 * n:.7f}", f"{11.35 + 1e-5 * n:.7f}", f"{45 + n / 8:.2f}" if n % 9 else "-9999"]
+        gnss.append([time, "A" if n % 7 else '"said ""D"""', *place, f"{n}"])
+    slow = [
+        ["uptime", "hPa", "clock", "wheel"],
+        *([f"{10_000 * n}", f"{1013 + n / 9:.2f}", f"23:59:{50 + n // 2}", f"{30 + n / 7:.2f}"] for n in step // 3),
+    ]
+    field = [["2422", f"{140_000 + n / 50:.3f}", *(f"{v:.2f}" for v in rng.normal(0, 40, 3))] for n in step]
+    blank = [row if n % 10 == 0 else [""] * len(row) for n, row in enumerate(gnss)]
+    together = [[*one, *other] for one, other in zip(imu, blank, strict=True)]
+    texts = {
+        "imu.csv": _delimited(imu, ";").replace(".", ","),
+        "gnss.csv": "# made by hand\n" + _delimited(gnss, "\t"),
+        "slow.txt": _delimited(slow, " "),
+        "field.dat": _delimited(field, "|"),
+        "drive.csv": _delimited(together, ","),
+    }
+    return [*({name: text.encode()} for name, text in texts.items()), {"wide.csv": texts["drive.csv"].encode("utf-16")}]
+
+
+def _delimited(rows: list[list[str]], delimiter: str) -> str:
+    return "\n".join([*map(delimiter.join, rows), ""])
 
 
 # --- YAML -------------------------------------------------------------------------------------------------------------
@@ -233,10 +308,12 @@ def _files(folder: Path) -> Sample:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+_MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
 
 TARGETS: Final[dict[str, Target]] = {
     "physycom": Target(physycom_samples, read_by("reader.physycom", _FOUR_COLUMNS)),
+    "csv": Target(csv_samples, read_by("reader.csv", _MAPPING)),
     "yaml": Target(yaml_samples, validate),
     "parquet": Target(parquet_samples, read_by("reader.parquet")),
     "mcap": Target(mcap_samples, read_by("reader.mcap")),
