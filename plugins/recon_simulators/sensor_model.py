@@ -1,17 +1,15 @@
-"""What an IMU and a GNSS receiver report of a motion: the truth, moved to the sensor and spoiled by its errors.
+"""What an IMU reports of a motion: the truth, turned into the box and spoiled by its errors.
 
-    accel_s = clip(quantise((1 + s) R_sv f_v       + b + w(t) + n))
-    gyro_s  = clip(quantise((1 + s) R_sv omega_v   + b + w(t) + n))
-    pos_n   = p_n + R_nv l_v + m(t),    vel_n = v_n + R_nv (omega_v x l_v) + n
+    accel_s = clip(quantise((1 + s) R_sv f_v       + b(t) + vibration + n))
+    gyro_s  = clip(quantise((1 + s) R_sv omega_v   + b(t) + vibration + n))
+    b(t)    = constant + random walk + Gauss-Markov process
 
-with scale error s, constant bias b, bias random walk w, white noise n and the lever arm l_v from IMU to antenna.
-White noise of density N sampled at the rate f has sigma N sqrt(f); the walk of a bias takes steps K sqrt(dt). The
-error m of a position is a first-order Gauss-Markov process, for that of a receiver changes slowly with the satellites
-and the atmosphere: m_k+1 = c m_k + sqrt(1 - c^2) sigma n, c = exp(-dt / correlation time).
+with scale error s and white noise n. White noise of density N sampled at the rate f has sigma N sqrt(f); the walk of a
+bias takes steps K sqrt(dt); its instability is a first-order Gauss-Markov process. Vibration is noise in a band of
+frequencies whose sigma grows with the speed; it shakes the box and moves it nowhere.
 
-References: IEEE Std 952-1997, annex C (noise density and rate random walk); Groves, Principles of GNSS, Inertial, and
-Multisensor Integrated Navigation Systems, 2nd ed. (2013), ch. 4 (errors of an IMU), sec. 14.3 (lever arm); Brown and
-Hwang, Introduction to Random Signals and Applied Kalman Filtering, 4th ed. (2012), sec. 4.2 (Gauss-Markov process).
+References: IEEE Std 952-1997, annex C (noise density, rate random walk, bias instability); Groves, Principles of GNSS,
+Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013), ch. 4 (errors of an IMU).
 """
 
 from __future__ import annotations
@@ -20,35 +18,44 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.numerics.geodesy import STANDARD_GRAVITY
-from recon.numerics.motion import MotionTruth, specific_force
-from recon.numerics.rotation import Floats, heading_from_yaw, rotate
+from recon.numerics.motion import EarthTruth
+from recon.numerics.rotation import Floats, rotate
+from recon_simulators.noise import gauss_markov, in_band
 
 Vector: TypeAlias = tuple[float, float, float]
 
 _ON_GRID = 1e-9
 """Fraction of a sample period by which rounding may move the end of a time grid."""
+_SHAKEN_SPEED, _MOST_SHAKEN = 15.0, 1.5
+"""m/s at which the vibration has its sigma; it grows with the speed to so many times that."""
 
 
 @dataclass(frozen=True)
 class TriadModel:
     """Errors of three orthogonal accelerometers or gyroscopes; U is m/s^2 or rad/s. The default has no error.
 
-    | field           | unit        | meaning                                            |
-    |-----------------|-------------|----------------------------------------------------|
-    | bias            | U, sensor   | constant offset of each axis                       |
-    | bias_walk       | U/sqrt(s)   | random walk of the bias, zero at the first sample  |
-    | noise_density   | U/sqrt(Hz)  | white noise                                        |
-    | scale           | 1           | scale error of each axis                           |
-    | quantisation    | U           | step of the output; 0 for none                     |
-    | full_scale      | U           | the output is clipped to +- this                   |
+    | field           | unit        | meaning                                                     |
+    |-----------------|-------------|-------------------------------------------------------------|
+    | bias            | U, sensor   | constant offset of each axis                                |
+    | bias_walk       | U/sqrt(s)   | random walk of the bias, zero at the first sample           |
+    | instability     | U           | sigma of the Gauss-Markov part of the bias                  |
+    | correlation_s   | s           | correlation time of that part                               |
+    | noise_density   | U/sqrt(Hz)  | white noise                                                 |
+    | vibration       | U           | sigma of the vibration at 15 m/s                            |
+    | band_hz         | Hz          | lowest and highest frequency of the vibration               |
+    | scale           | 1           | scale error of each axis                                    |
+    | quantisation    | U           | step of the output; 0 for none                              |
+    | full_scale      | U           | the output is clipped to +- this                            |
     """
 
     bias: Vector = (0.0, 0.0, 0.0)
     bias_walk: float = 0.0
+    instability: float = 0.0
+    correlation_s: float = 300.0
     noise_density: float = 0.0
+    vibration: float = 0.0
+    band_hz: tuple[float, float] = (8.0, 45.0)
     scale: Vector = (0.0, 0.0, 0.0)
     quantisation: float = 0.0
     full_scale: float = np.inf
@@ -63,7 +70,6 @@ class ImuModel:
     | rate_hz  | Hz     | nominal sampling rate                                                                |
     | jitter_s | s      | samples are taken up to this early or late, uniformly; their time stamps are right    |
     | q_sv     | 1      | mounting, scalar first: takes vehicle to sensor                                      |
-    | gravity  | m/s^2  | where the drive takes place                                                          |
     | accel    | m/s^2  | errors of the accelerometers                                                         |
     | gyro     | rad/s  | errors of the gyroscopes                                                             |
 
@@ -73,7 +79,6 @@ class ImuModel:
     rate_hz: float = 100.0
     jitter_s: float = 0.0
     q_sv: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    gravity: float = STANDARD_GRAVITY
     accel: TriadModel = field(default_factory=TriadModel)
     gyro: TriadModel = field(default_factory=TriadModel)
 
@@ -84,124 +89,54 @@ class ImuModel:
 
 
 @dataclass(frozen=True)
-class GnssModel:
-    """A GNSS receiver. Errors are independent per axis.
+class TriadSamples:
+    """What three sensors report, and the bias that is in it: (n, 3) each, m/s^2 or rad/s, sensor frame."""
 
-    | field            | unit       | meaning                                                              |
-    |------------------|------------|----------------------------------------------------------------------|
-    | rate_hz          | Hz         | rate of fixes                                                        |
-    | horizontal_sigma | m          | position, east and north                                             |
-    | vertical_sigma   | m          | position, up                                                         |
-    | correlation_s    | s          | correlation time of the error of the position; 0 for white noise     |
-    | velocity_sigma   | m/s        | velocity of each axis, white; speed and course are of that velocity  |
-    | lever_arm_v      | m, vehicle | from the IMU to the antenna                                          |
-    | lag_s            | s          | a fix stamped t describes the time t - lag_s                         |
-    | outages          | s          | (start, stop) of time stamps without a fix; stop belongs to the next |
-    """
-
-    rate_hz: float = 1.0
-    horizontal_sigma: float = 0.0
-    vertical_sigma: float = 0.0
-    correlation_s: float = 0.0
-    velocity_sigma: float = 0.0
-    lever_arm_v: Vector = (0.0, 0.0, 0.0)
-    lag_s: float = 0.0
-    outages: tuple[tuple[float, float], ...] = ()
-
-
-@dataclass(frozen=True)
-class GnssFixes:
-    """What the receiver reports at m times.
-
-    t_s : (m,) s, time stamps
-    pos_n, vel_n : (m, 3) m and m/s, local East-North-Up, of the antenna
-    speed : (m,) m/s over ground
-    course : (m,) rad over ground, clockwise from true north, in [0, 2 pi)
-    """
-
-    t_s: Floats
-    pos_n: Floats
-    vel_n: Floats
-    speed: Floats
-    course: Floats
+    output_s: Floats
+    bias_s: Floats
 
 
 def imu_times(start_s: float, stop_s: float, model: ImuModel, rng: np.random.Generator) -> Floats:
     """Sample times from start to before stop, irregular by the model's jitter: (n,) s, strictly increasing."""
-    times = _grid(start_s, stop_s, model.rate_hz)
+    times = regular_times(start_s, stop_s, model.rate_hz)
     return times + rng.uniform(-model.jitter_s, model.jitter_s, times.shape)
 
 
-def imu_measurements(truth: MotionTruth, model: ImuModel, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Specific force and angular rate as the IMU reports them at the times of the truth.
-
-    truth : at increasing times, as from `imu_times`
-    returns : accel_s (n, 3) m/s^2 and gyro_s (n, 3) rad/s, sensor frame
-    """
-    q_sv = np.array(model.q_sv)
-    force_s = rotate(q_sv, specific_force(truth, model.gravity))
-    rate_s = rotate(q_sv, truth.gyro_v)
-    accel_s = _spoil(force_s, truth.t_s, model.accel, model.rate_hz, rng)
-    gyro_s = _spoil(rate_s, truth.t_s, model.gyro, model.rate_hz, rng)
-    return accel_s, gyro_s
-
-
-def gnss_times(start_s: float, stop_s: float, model: GnssModel) -> Floats:
-    """Time stamps from start to before stop, those in an outage among them: (m,) s."""
-    return _grid(start_s, stop_s, model.rate_hz)
-
-
-def in_outage(t_s: Floats, model: GnssModel) -> NDArray[np.bool_]:
-    """Which time stamps fall into an outage: (m,). Leaving out their fixes changes no other fix."""
-    lost = np.zeros(t_s.shape, dtype=bool)
-    for start, stop in model.outages:
-        lost |= (start <= t_s) & (t_s < stop)
-    return lost
-
-
-def gnss_measurements(truth: MotionTruth, model: GnssModel, rng: np.random.Generator) -> GnssFixes:
-    """Fixes of the antenna.
-
-    truth : at the times that the fixes describe, that is motion.at(gnss_times(...) - model.lag_s)
-    """
-    lever_v = np.broadcast_to(np.array(model.lever_arm_v), truth.pos_n.shape)
-    pos_n = truth.pos_n + rotate(truth.q_nv, lever_v)
-    vel_n = truth.vel_n + rotate(truth.q_nv, np.cross(truth.gyro_v, lever_v))
-    pos_sigma = np.array([model.horizontal_sigma, model.horizontal_sigma, model.vertical_sigma])
-    pos_n = pos_n + pos_sigma * _gauss_markov(pos_n.shape, model, rng)
-    vel_n = vel_n + model.velocity_sigma * rng.standard_normal(vel_n.shape)
-    return GnssFixes(
-        t_s=truth.t_s + model.lag_s,
-        pos_n=pos_n,
-        vel_n=vel_n,
-        speed=np.hypot(vel_n[:, 0], vel_n[:, 1]),
-        course=heading_from_yaw(np.arctan2(vel_n[:, 1], vel_n[:, 0])),
-    )
-
-
-def _gauss_markov(shape: tuple[int, ...], model: GnssModel, rng: np.random.Generator) -> Floats:
-    """Stationary processes of sigma 1, one per column, at the rate of the receiver: (m, k)."""
-    white = rng.standard_normal(shape)
-    if not model.correlation_s:
-        return white
-    from scipy.signal import lfilter
-
-    kept = np.exp(-1.0 / (model.rate_hz * model.correlation_s))
-    white[1:] *= np.sqrt(1.0 - kept**2)
-    return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0))
-
-
-def _spoil(true_s: Floats, t_s: Floats, model: TriadModel, rate_hz: float, rng: np.random.Generator) -> Floats:
-    """The output of three sensors whose input is known: (n, 3)."""
-    noise = model.noise_density * np.sqrt(rate_hz) * rng.standard_normal(true_s.shape)
-    steps = model.bias_walk * np.sqrt(np.diff(t_s, prepend=t_s[:1]))[:, None] * rng.standard_normal(true_s.shape)
-    value = (1.0 + np.array(model.scale)) * true_s + np.array(model.bias) + np.cumsum(steps, axis=0) + noise
-    if model.quantisation:
-        value = np.round(value / model.quantisation) * model.quantisation
-    return np.asarray(np.clip(value, -model.full_scale, model.full_scale))
-
-
-def _grid(start_s: float, stop_s: float, rate_hz: float) -> Floats:
+def regular_times(start_s: float, stop_s: float, rate_hz: float) -> Floats:
     """Regular times from start to before stop: (n,) s."""
     count = int(np.ceil((stop_s - start_s) * rate_hz - _ON_GRID))
     return start_s + np.arange(count) / rate_hz
+
+
+def imu_measurements(truth: EarthTruth, model: ImuModel, rng: np.random.Generator) -> tuple[TriadSamples, TriadSamples]:
+    """Specific force and angular rate as the IMU reports them at the times of the truth.
+
+    truth : at increasing times, as from `imu_times`
+    returns : of the accelerometers, in m/s^2, and of the gyroscopes, in rad/s
+    """
+    q_sv = np.array(model.q_sv)
+    speed = np.linalg.norm(truth.vel_n, axis=1)
+    accel, gyro = (
+        _spoil(rotate(q_sv, true_v), truth.t_s, speed, triad, model.rate_hz, rng)
+        for true_v, triad in ((truth.force_v, model.accel), (truth.rate_v, model.gyro))
+    )
+    return accel, gyro
+
+
+def _spoil(
+    true_s: Floats, t_s: Floats, speed: Floats, model: TriadModel, rate_hz: float, rng: np.random.Generator
+) -> TriadSamples:
+    """The output of three sensors whose input is known."""
+    rows, axes = true_s.shape
+    noise = model.noise_density * np.sqrt(rate_hz) * rng.standard_normal(true_s.shape)
+    steps = model.bias_walk * np.sqrt(np.diff(t_s, prepend=t_s[:1]))[:, None] * rng.standard_normal(true_s.shape)
+    bias = np.array(model.bias) + np.cumsum(steps, axis=0)
+    if model.instability:
+        bias += model.instability * gauss_markov((rows, axes), rate_hz, model.correlation_s, rng)
+    value = (1.0 + np.array(model.scale)) * true_s + bias + noise
+    if model.vibration:
+        shaken = np.minimum(speed / _SHAKEN_SPEED, _MOST_SHAKEN)[:, None]
+        value += model.vibration * shaken * in_band((rows, axes), rate_hz, model.band_hz, rng)
+    if model.quantisation:
+        value = np.round(value / model.quantisation) * model.quantisation
+    return TriadSamples(np.clip(value, -model.full_scale, model.full_scale), bias)

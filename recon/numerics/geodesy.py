@@ -97,17 +97,15 @@ def ecef_to_geodetic(pos_e: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> tuple[Fl
     """
     x, y, z = np.moveaxis(np.asarray(pos_e, dtype=np.float64), -1, 0)
     a, b, e2 = ellipsoid.a, ellipsoid.b, ellipsoid.e2
-    from_axis = np.hypot(x, y)
-    parametric = np.arctan2(a * z, b * from_axis)
-    lat = parametric
+    from_axis = np.sqrt(x * x + y * y)
+    sin_parametric, cos_parametric = _sine_cosine(a * z, b * from_axis)
     for _ in range(2):
-        north = z + e2 * a**2 / b * np.sin(parametric) ** 3
-        outward = from_axis - e2 * a * np.cos(parametric) ** 3
-        lat = np.arctan2(north, outward)
-        parametric = np.arctan2(b * np.sin(lat), a * np.cos(lat))
-    sin_lat = np.sin(lat)
-    height = from_axis * np.cos(lat) + z * sin_lat - a * np.sqrt(1.0 - e2 * sin_lat**2)
-    return np.degrees(lat), np.degrees(np.arctan2(y, x)), np.asarray(height)
+        north = z + (e2 * a**2 / b) * sin_parametric * sin_parametric * sin_parametric
+        outward = from_axis - (e2 * a) * cos_parametric * cos_parametric * cos_parametric
+        sin_parametric, cos_parametric = _sine_cosine(b * north, a * outward)
+    sin_lat, cos_lat = _sine_cosine(north, outward)
+    height = from_axis * cos_lat + z * sin_lat - a * np.sqrt(1.0 - e2 * sin_lat * sin_lat)
+    return np.degrees(np.arctan2(north, outward)), np.degrees(np.arctan2(y, x)), np.asarray(height)
 
 
 def geodetic_to_enu(
@@ -119,7 +117,7 @@ def geodetic_to_enu(
     returns : (n, 3) m, local East-North-Up
     """
     pos_e = geodetic_to_ecef(lat_deg, lon_deg, height_m, ellipsoid)
-    return np.asarray((pos_e - _origin_e(anchor, ellipsoid)) @ _rot_en(anchor))
+    return np.asarray((pos_e - _origin_e(anchor, ellipsoid)) @ local_axes_e(anchor.lat, anchor.lon))
 
 
 def enu_to_geodetic(pos_n: ArrayLike, anchor: Anchor, ellipsoid: Ellipsoid = WGS84) -> tuple[Floats, Floats, Floats]:
@@ -128,7 +126,7 @@ def enu_to_geodetic(pos_n: ArrayLike, anchor: Anchor, ellipsoid: Ellipsoid = WGS
     pos_n : (n, 3) m, local East-North-Up
     returns : lat (n,) deg, lon (n,) deg in [-180, 180], height (n,) m
     """
-    pos_e = _origin_e(anchor, ellipsoid) + np.asarray(pos_n, dtype=np.float64) @ _rot_en(anchor).T
+    pos_e = _origin_e(anchor, ellipsoid) + np.asarray(pos_n, dtype=np.float64) @ local_axes_e(anchor.lat, anchor.lon).T
     return ecef_to_geodetic(pos_e, ellipsoid)
 
 
@@ -158,18 +156,29 @@ def earth_rate_n(lat_deg: ArrayLike) -> Floats:
     return EARTH_RATE * np.stack((np.zeros_like(lat), np.cos(lat), np.sin(lat)), axis=-1)
 
 
+def local_axes_e(lat_deg: ArrayLike, lon_deg: ArrayLike) -> Floats:
+    """East, north and up at a place, as the columns of the rotation from local to Earth-fixed.
+
+    lat_deg, lon_deg : (...) deg, of one shape
+    returns : (3, 3, ...)
+    source : Groves 2013, eq. 2.150, for East-North-Up
+    """
+    lat, lon = _radians(lat_deg), _radians(lon_deg)
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    east = np.stack((-sin_lon, cos_lon, np.zeros_like(lat)))
+    north = np.stack((-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat))
+    up = np.stack((cos_lat * cos_lon, cos_lat * sin_lon, sin_lat))
+    return np.stack((east, north, up), axis=1)
+
+
 def _origin_e(anchor: Anchor, ellipsoid: Ellipsoid) -> Floats:
     return geodetic_to_ecef(anchor.lat, anchor.lon, anchor.height, ellipsoid)
 
 
-def _rot_en(anchor: Anchor) -> Floats:
-    """Local to Earth-fixed; its columns are east, north and up. Groves 2013, eq. 2.150, for East-North-Up."""
-    lat, lon = _radians(anchor.lat), _radians(anchor.lon)
-    (sin_lat, sin_lon), (cos_lat, cos_lon) = np.sin((lat, lon)), np.cos((lat, lon))
-    east = (-sin_lon, cos_lon, 0.0)
-    north = (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
-    up = (cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)
-    return np.array((east, north, up)).T
+def _sine_cosine(opposite: Floats, adjacent: Floats) -> tuple[Floats, Floats]:
+    """Of the angle arctan2(opposite, adjacent), without the angle; both 0 where there is none."""
+    length = np.sqrt(opposite * opposite + adjacent * adjacent) + np.finfo(np.float64).tiny
+    return opposite / length, adjacent / length
 
 
 def _radians(degrees: ArrayLike) -> Floats:

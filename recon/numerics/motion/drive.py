@@ -29,8 +29,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.motion.truth import MotionTruth
-from recon.numerics.rotation import Floats, conjugate, from_euler, from_rotvec, multiply, rotate
+from recon.numerics.motion.euler import angular_acceleration, angular_rate, carried_rates
+from recon.numerics.motion.truth import RoadTruth
+from recon.numerics.rotation import Floats, from_euler, from_rotvec, multiply
 
 # A piece is at most 1/16 of a segment and 0.4 rad of yaw on average over time, so that the phases 2 pi x, 2 pi d / D
 # (d' <= 2 D) and yaw turn by less than 1 rad in it. The remainder of eight nodes over a length h,
@@ -95,30 +96,43 @@ class Drive:
     def _track(self) -> _Track:
         return _Track.of(self._legs)
 
-    def at(self, t_s: Floats) -> MotionTruth:
+    def at(self, t_s: Floats) -> RoadTruth:
         """Truth at the times (n,) s, in any order."""
         legs = self._legs
         leg = np.clip(np.searchsorted(legs.start_s, t_s, side="right") - 1, 0, None)
         x = np.clip((t_s - legs.start_s[leg]) / legs.duration_s[leg], 0.0, 1.0)
-        speed, speed_rate, u, u_rate = legs.progress(leg, x)
-        yaw, yaw_rate = legs.yaw(leg, u), legs.curvature(leg, u) * speed
-        slope, slope_rate = legs.eased(legs.slope, leg, u, u_rate)
-        bank, bank_rate = legs.eased(legs.bank, leg, u, u_rate)
-        dive, dive_rate = legs.eased(legs.dive, leg, x, 1.0 / legs.duration_s[leg])
-        q_rv, gyro_r = from_rotvec(dive[:, None] * _Y), _angular_rate(-slope, bank, yaw_rate, -slope_rate, bank_rate)
+        speed, speed_rate = legs.speeds(leg, x)
+        u, u_rate, u_accel = legs.progress(leg, x), speed / legs.moving[leg], speed_rate / legs.moving[leg]
+        yaw, bend = legs.yaw(leg, u), legs.value(legs.bend, leg, u)
+        slope, bank, dive = (legs.value(v, leg, w) for v, w in ((legs.slope, u), (legs.bank, u), (legs.dive, x)))
+        bend_rate, _ = legs.rates(legs.bend, leg, u, u_rate, u_accel)
+        slope_rate, slope_accel = legs.rates(legs.slope, leg, u, u_rate, u_accel)
+        bank_rate, bank_accel = legs.rates(legs.bank, leg, u, u_rate, u_accel)
+        dive_rate, dive_accel = legs.rates(legs.dive, leg, x, 1.0 / legs.duration_s[leg], np.zeros_like(x))
 
+        rates = np.stack((bend * speed, -slope_rate, bank_rate), axis=-1)
+        accels = np.stack((bend_rate * speed + bend * speed_rate, -slope_accel, bank_accel), axis=-1)
+        q_rv = from_rotvec(dive[:, None] * _Y)
+        gyro_v, gyro_rate_v = carried_rates(
+            q_rv,
+            angular_rate(-slope, bank, rates),
+            angular_acceleration(-slope, bank, rates, accels),
+            dive_rate[:, None] * _Y,
+            dive_accel[:, None] * _Y,
+        )
         left_n = np.stack((-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)), axis=-1)
         above_n = np.stack((-np.cos(yaw) * np.sin(slope), -np.sin(yaw) * np.sin(slope), np.cos(slope)), axis=-1)
         along_n = _direction(yaw, slope)
-        return MotionTruth(
+        return RoadTruth(
             t_s=t_s,
             pos_n=self._track.position(leg, x),
             vel_n=speed[:, None] * along_n,
             acc_n=speed_rate[:, None] * along_n
-            + (speed * yaw_rate * np.cos(slope))[:, None] * left_n
+            + (speed * bend * speed * np.cos(slope))[:, None] * left_n
             + (speed * slope_rate)[:, None] * above_n,
             q_nv=multiply(from_euler(yaw, -slope, bank), q_rv),
-            gyro_v=rotate(conjugate(q_rv), gyro_r) + dive_rate[:, None] * _Y,
+            gyro_v=gyro_v,
+            gyro_rate_v=gyro_rate_v,
         )
 
 
@@ -148,13 +162,20 @@ class _Legs:
         start_yaw = yaw + np.concatenate(([0.0], np.cumsum(turns[:-1])))
         return cls(start_s, duration_s, length, start_yaw, speed, bend, slope, bank, dive)
 
-    def progress(self, leg: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Speed in m/s, its rate in m/s^2, the fraction u of the leg's length travelled, its rate in 1/s."""
-        duration_s, length, start = self.duration_s[leg], self.length[leg], self.speed[leg, 0]
-        speed, speed_rate = self.eased(self.speed, leg, x, 1.0 / duration_s)
-        distance = duration_s * (start * x + (self.speed[leg, 1] - start) * _ease_integral(x))
-        moving = np.where(length == 0.0, np.inf, length)
-        return speed, speed_rate, distance / moving, speed / moving
+    @cached_property
+    def moving(self) -> Floats:
+        """(m,) m, the length, and infinity where the leg stands, so that its progress is zero."""
+        return np.where(self.length == 0.0, np.inf, self.length)
+
+    def speeds(self, leg: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+        """Speed in m/s and its rate in m/s^2 at the fraction x of the leg's duration."""
+        rate, _ = self.rates(self.speed, leg, x, 1.0 / self.duration_s[leg], np.zeros_like(x))
+        return self.value(self.speed, leg, x), rate
+
+    def progress(self, leg: NDArray[np.intp], x: Floats) -> Floats:
+        """The fraction u of the leg's length travelled."""
+        start, end = self.speed[leg].T
+        return np.asarray(self.duration_s[leg] * (start * x + (end - start) * _ease_integral(x)) / self.moving[leg])
 
     def yaw(self, leg: NDArray[np.intp], u: Floats) -> Floats:
         """Yaw in rad at the fraction u of the leg's length."""
@@ -162,22 +183,24 @@ class _Legs:
         turns = start * u + (self.bend[leg, 1] - start) * _ease_integral(u)
         return np.asarray(self.start_yaw[leg] + self.length[leg] * turns)
 
-    def curvature(self, leg: NDArray[np.intp], u: Floats) -> Floats:
-        """Curvature in 1/m at the fraction u of the leg's length."""
-        start = self.bend[leg, 0]
-        return np.asarray(start + (self.bend[leg, 1] - start) * _ease(u))
+    @staticmethod
+    def value(values: Floats, leg: NDArray[np.intp], u: Floats) -> Floats:
+        """Value at the fraction u of its leg."""
+        start = values[leg, 0]
+        return np.asarray(start + (values[leg, 1] - start) * _ease(u))
 
     @staticmethod
-    def eased(values: Floats, leg: NDArray[np.intp], u: Floats, u_rate: Floats) -> tuple[Floats, Floats]:
-        """Value at the fraction u of its leg, and its rate where u grows by u_rate per s."""
-        start, change = values[leg, 0], values[leg, 1] - values[leg, 0]
-        return start + change * _ease(u), change * _ease_rate(u) * u_rate
+    def rates(
+        values: Floats, leg: NDArray[np.intp], u: Floats, u_rate: Floats, u_accel: Floats
+    ) -> tuple[Floats, Floats]:
+        """First and second derivative by time of a value at the fraction u of its leg."""
+        change, slope = values[leg, 1] - values[leg, 0], _ease_rate(u)
+        return change * slope * u_rate, change * (2.0 * np.pi * np.sin(2.0 * np.pi * u) * u_rate**2 + slope * u_accel)
 
     def velocity(self, leg: NDArray[np.intp], x: Floats) -> Floats:
         """(n, 3) m/s, local."""
-        speed, _, u, u_rate = self.progress(leg, x)
-        slope, _ = self.eased(self.slope, leg, u, u_rate)
-        return speed[:, None] * _direction(self.yaw(leg, u), slope)
+        u = self.progress(leg, x)
+        return self.value(self.speed, leg, x)[:, None] * _direction(self.yaw(leg, u), self.value(self.slope, leg, u))
 
     def displacement(self, leg: NDArray[np.intp], x_from: Floats, x_to: Floats) -> Floats:
         """Integral of the velocity between two fractions of the leg's duration: (n, 3) m, local."""
@@ -229,21 +252,6 @@ def _ease_integral(x: Floats) -> Floats:
 def _direction(yaw: Floats, slope: Floats) -> Floats:
     """Unit vector of a heading that climbs: (n, 3), local."""
     return np.stack((np.cos(yaw) * np.cos(slope), np.sin(yaw) * np.cos(slope), np.sin(slope)), axis=-1)
-
-
-def _angular_rate(pitch: Floats, roll: Floats, yaw_rate: Floats, pitch_rate: Floats, roll_rate: Floats) -> Floats:
-    """Angular rate of a frame from the rates of its Euler angles: (n, 3) rad/s, in that frame.
-
-    Source: Titterton and Weston (2004), sec. 3.6 (Euler angles); it holds for z-y-x in any right-handed frame.
-    """
-    return np.stack(
-        (
-            roll_rate - yaw_rate * np.sin(pitch),
-            pitch_rate * np.cos(roll) + yaw_rate * np.cos(pitch) * np.sin(roll),
-            yaw_rate * np.cos(pitch) * np.cos(roll) - pitch_rate * np.sin(roll),
-        ),
-        axis=-1,
-    )
 
 
 def _faults(segments: Sequence[Segment]) -> list[str]:

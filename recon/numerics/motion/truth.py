@@ -2,8 +2,8 @@
 
     f_v = R_vn (a_n - g_n),  g_n = (0, 0, -g)
 
-so a body at rest and level feels +g along z. The local frame n (East-North-Up) is taken as inertial: the rotation of
-the Earth (15 deg/h) and the Coriolis term (below 6e-3 m/s^2 up to 35 m/s) are left out.
+so a body at rest and level feels +g along z. The local frame n (East-North-Up) is taken as inertial here; what the
+ellipsoid and its rotation add is in `earth`.
 
 References: Titterton and Weston, Strapdown Inertial Navigation Technology (2004), sec. 3.5; ISO 8855:2011 for the
 vehicle frame (x forward, y left, z up).
@@ -36,6 +36,16 @@ class MotionTruth:
     acc_n: Floats
     q_nv: Floats
     gyro_v: Floats
+
+
+@dataclass(frozen=True)
+class RoadTruth(MotionTruth):
+    """State of a body whose other points are wanted as well, as a lever arm needs it.
+
+    gyro_rate_v : (n, 3) rad/s^2, derivative of gyro_v
+    """
+
+    gyro_rate_v: Floats
 
 
 class Motion(Protocol):

@@ -11,12 +11,12 @@ from typing import Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from recon.numerics.geodesy import STANDARD_GRAVITY, Anchor, geodetic_to_enu, normal_gravity
+from recon.numerics.geodesy import STANDARD_GRAVITY, Anchor, geodetic_to_enu, local_axes_e, normal_gravity
 from recon.numerics.integration import Rule, increments
 from recon.numerics.rotation import Floats, conjugate, multiply, rotate, to_rotvec
 from recon.schema import APPENDED
 from recon.stages import Simulator
-from recon.tables import has, matrix, seconds, select_rows, time_ns, vector
+from recon.tables import has, matrix, meta, seconds, select_rows, time_ns, vector
 from recon.testing.contract import law
 from recon.testing.subject import Subject
 
@@ -32,7 +32,10 @@ PLACE: Final = 0.01
 
 @law(Simulator, when=lambda stage: "reference" in stage.writes)
 def the_truth_is_the_integral_of_its_rates(subject: Subject) -> None:
-    """From row to row position changes by the velocity, velocity by the acceleration, attitude by the angular rate."""
+    """From row to row position changes by the velocity, velocity by the acceleration, attitude by the angular rate.
+
+    Where the truth knows its place on the Earth, its velocity is relative to east, north and up there.
+    """
     truth = subject.run()["reference"]
     for step in _steps(truth):
         error = np.abs(step.change - step.area).max(axis=1)
@@ -87,7 +90,7 @@ class _Step(NamedTuple):
 
 def _steps(truth: pa.Table) -> Iterator[_Step]:
     t_s, pos_n, vel_n = seconds(truth), matrix(truth, "pos"), matrix(truth, "vel")
-    yield _step("the position", "the velocity", t_s, np.diff(pos_n, axis=0), vel_n, pos_n)
+    yield _step("the position", "the velocity", t_s, np.diff(pos_n, axis=0), _seen_from_anchor(vel_n, truth), pos_n)
     if has(truth, "accel") and has(truth, "q"):
         acc_n = rotate(matrix(truth, "q"), matrix(truth, "accel"))
         yield _step("the velocity", "the acceleration", t_s, np.diff(vel_n, axis=0), acc_n, vel_n)
@@ -96,6 +99,15 @@ def _steps(truth: pa.Table) -> Iterator[_Step]:
         turns = to_rotvec(multiply(conjugate(q_nv[:-1]), q_nv[1:]))
         coning = np.diff(t_s)[:, None] ** 2 / 12.0 * np.cross(gyro_v[:-1], gyro_v[1:])  # Bortz 1971
         yield _step("the attitude", "the angular rate", t_s, turns - coning, gyro_v, q_nv)
+
+
+def _seen_from_anchor(vel_n: Floats, truth: pa.Table) -> Floats:
+    """Velocities (n, 3) relative to the axes of their places, in the axes of the anchor; as they are without places."""
+    anchor = meta(truth).get("anchor")
+    if anchor is None or not has(truth, "lat") or not has(truth, "lon"):
+        return vel_n
+    axes_e = local_axes_e(vector(truth, "lat"), vector(truth, "lon"))
+    return np.asarray(np.einsum("ijn,nj->ni", axes_e, vel_n) @ local_axes_e(anchor["lat"], anchor["lon"]))
 
 
 def _step(name: str, rate: str, t_s: Floats, change: Floats, values: Floats, integral: Floats) -> _Step:
