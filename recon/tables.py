@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ContractError, DataError
-from recon.schema import APPENDED, SCHEMA_NUMBER, TIME_TYPE, Column, Schema, spread
+from recon.schema import APPENDED, SCHEMA_NUMBER, SEVERAL_AT_A_TIME, TIME_TYPE, Column, Schema, spread
 
 Array: TypeAlias = NDArray[np.float64]
 Streams: TypeAlias = dict[str, pa.Table]
@@ -211,17 +211,18 @@ def conform(table: pa.Table, planned: Schema, *, stream: str, step: str) -> pa.T
 
     Raises ContractError where it holds what was not planned, lacks what was, or its time does not rise.
     """
+    here = set(table.column_names)
     unplanned = [name for name in table.column_names if name not in planned]
-    missing = [c.name for c in planned.columns if c.name not in table.column_names and not c.optional]
+    missing = [c.name for c in planned.columns if c.name not in here and not c.optional]
     if unplanned or missing:
         parts = [f"returned {unplanned}, which it does not declare"] * bool(unplanned)
         parts += [f"did not return {missing}, which it declares"] * bool(missing)
         raise ContractError(step, f"stream '{stream}': it {' and '.join(parts)}")
-    columns = [column for column in planned.columns if column.name in table.column_names]
+    columns = [column for column in planned.columns if column.name in here]
     arrays = [_typed(table[column.name], column, stream, step) for column in columns]
     result = pa.Table.from_arrays(arrays, schema=pa.schema([_field(column) for column in columns]))
     if stream not in APPENDED and "time" in result.column_names:
-        _check_time(result, stream, step)
+        _check_time(result, stream, step, strictly=stream not in SEVERAL_AT_A_TIME)
     return _stamp(result, meta(table))
 
 
@@ -237,11 +238,11 @@ def _typed(values: pa.ChunkedArray, column: Column, stream: str, step: str) -> p
         raise ContractError(step, wrong) from error
 
 
-def _check_time(table: pa.Table, stream: str, step: str) -> None:
+def _check_time(table: pa.Table, stream: str, step: str, *, strictly: bool) -> None:
     if table["time"].null_count:
         raise ContractError(step, f"stream '{stream}': {table['time'].null_count} rows have no time")
     t_ns = time_ns(table)
-    falls = np.flatnonzero(t_ns[1:] <= t_ns[:-1])
+    falls = np.flatnonzero(t_ns[1:] <= t_ns[:-1] if strictly else t_ns[1:] < t_ns[:-1])
     if len(falls):
         row = int(falls[0]) + 1
         raise ContractError(step, f"stream '{stream}': time does not rise at row {row} ({_moment(table, row)})")
