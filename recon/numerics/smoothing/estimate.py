@@ -1,0 +1,169 @@
+"""From what was logged to the best trajectory: start, noise, outliers, sigmas.
+
+    1. closed-form start
+    2. Cauchy's loss on twenty minutes of the drive at most, and the noise that is most likely there
+    3. truncated least squares on the whole drive with that noise
+
+Noise comes before hard rejection: an IMU believed too good makes outliers of good fixes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from recon.numerics.smoothing.alignment import flip_needed
+from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
+from recon.numerics.smoothing.earth import level_rotation
+from recon.numerics.smoothing.noise import at_least_still, likely_noise
+from recon.numerics.smoothing.samples import Samples
+from recon.numerics.smoothing.smoother import Drive, Model, Noise, Smoother, Solved, start_state
+from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
+from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, MOUNT, POSITION, ROTATION, VELOCITY, State
+
+NOISE_FROM_S: Final = 1200.0
+"""s of the drive from which the noise is estimated: more does not tell it better than the priors do."""
+
+_MOST_ROUNDS: Final = 4
+_GROWN_FIXES, _GROWN_IMU = 1.2, 2.0
+"""Growth of a size of noise after which it is estimated again."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The solution of a whole drive and its covariances.
+
+    covariance : (N, 18, 18) of the knots; covariance_common : (21, 21); cross : (N, 18, 21) of knots with what is
+    common; inverse : from which covariances between any two knots follow
+    """
+
+    smoother: Smoother
+    solved: Solved
+    inverse: Inverse
+    covariance: Floats
+    covariance_common: Floats
+    cross: Floats
+
+
+def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True) -> Estimate:
+    """The best trajectory. Raises numpy.linalg.LinAlgError where the data do not determine it."""
+    smoother = Smoother(drive, model)
+    state = start_state(smoother)
+    if learn_noise:
+        noise, state = _learnt(smoother, state, noise)
+    solved = smoother.solve(state, noise, "tls")
+    if model.mounting is None and flip_needed(forward_speed(solved.state)):
+        turned = np.diag([-1.0, -1.0, 1.0])
+        smoother.mounting = turned @ smoother.mounting
+        solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
+    inverse = selected_inverse(solved.system, solved.solution)
+    free = smoother.free
+    common = np.zeros((COMMON_SIZE, COMMON_SIZE))
+    common[np.ix_(free, free)] = solved.solution.covariance_global
+    cross = np.zeros((solved.state.knots, KNOT_SIZE, COMMON_SIZE))
+    cross[..., free] = global_covariances(inverse)
+    return Estimate(smoother, solved, inverse, marginals(inverse), common, cross)
+
+
+def forward_speed(state: State) -> Floats:
+    """Along the vehicle's x axis at the knots: (N,) m/s."""
+    return np.asarray(state.rot_vs[0] @ mtv(state.rot_ns, state.vel_n))
+
+
+def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, State]:
+    """The likely noise, and the start with what has been learnt on the way.
+
+    Where it comes out far from what was assumed, more fixes are believed with it, and it is estimated once more.
+    """
+    chosen = _most_motion(smoother)
+    whole = chosen == slice(0, smoother.drive.samples.intervals)
+    part = smoother if whole else Smoother(part_of(smoother.drive, chosen), smoother.model)
+    part.mounting = smoother.mounting
+    state = start if whole else knots_of(start, chosen)
+    noise = at_least_still(noise, smoother.still_noise)
+    for _ in range(_MOST_ROUNDS):
+        solved = part.solve(state, noise, "cauchy")
+        before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
+        if not _grown(before, noise):
+            break
+    smoother.moved_lag = part.moved_lag
+    return noise, state if whole else replace(start, rot_vs=state.rot_vs, common=state.common)
+
+
+def _grown(before: Noise, after: Noise) -> bool:
+    """Has a size grown so much that residuals which were put aside must be looked at again?"""
+    of_fixes = np.concatenate([after.position / before.position, after.velocity / before.velocity])
+    of_imu = np.array([after.gyro / before.gyro, after.accel / before.accel])
+    return bool(of_fixes.max() > _GROWN_FIXES or of_imu.max() > _GROWN_IMU)
+
+
+def _most_motion(smoother: Smoother) -> slice:
+    """The intervals of NOISE_FROM_S in which the most distance is covered with fixes, or all."""
+    count = smoother.drive.samples.intervals
+    window = int(np.ceil(NOISE_FROM_S / float(np.median(smoother.length))))
+    if count <= window:
+        return slice(0, count)
+    fixes = smoother.drive.fixes
+    vel_n = np.einsum("jim,jm->im", fixes.vel_rows, fixes.vel)
+    which = np.clip(np.searchsorted(smoother.drive.samples.knot_times, fixes.t_s) - 1, 0, count - 1)
+    moved = np.bincount(which, np.minimum(np.hypot(vel_n[0], vel_n[1]), 50.0), minlength=count)
+    total = np.concatenate([[0.0], np.cumsum(moved)])
+    first = int(np.argmax(total[window:] - total[:-window]))
+    return slice(first, first + window)
+
+
+def part_of(drive: Drive, intervals: slice) -> Drive:
+    """The drive in some of its intervals; times stay."""
+    samples, m = drive.samples, drive.samples.per_interval
+    steps, rows = slice(intervals.start * m, intervals.stop * m), slice(intervals.start * m, intervals.stop * m + 1)
+    cut = Samples(
+        samples.t_s[rows], samples.gyro_s[rows], samples.accel_s[rows], samples.filled[steps], samples.row[rows], m
+    )
+    return replace(drive, samples=cut)
+
+
+def knots_of(state: State, intervals: slice) -> State:
+    """The knots of some intervals."""
+    k = slice(intervals.start, intervals.stop + 1)
+    return replace(
+        state,
+        rot_ns=state.rot_ns[..., k],
+        vel_n=state.vel_n[:, k],
+        pos_n=state.pos_n[:, k],
+        gyro_bias=state.gyro_bias[:, k],
+        accel_bias=state.accel_bias[:, k],
+        drift_n=state.drift_n[:, k],
+    )
+
+
+def sigmas(found: Estimate) -> Floats:
+    """Standard deviations at the knots: position and velocity e, n, u in m, m/s; roll, pitch, yaw in rad: (9, N).
+
+    The attitude of the vehicle is that of the sensor times the mounting, whose doubt it shares: its error is
+    d - R_nv m, d that of the sensor about axes n, m that of the mounting about axes v.
+    """
+    state = found.solved.state
+    rot_ln = level_rotation(state.pos_n, found.smoother.drive.anchor)
+    to_level = np.moveaxis(rot_ln, -1, 0)
+    out = np.empty((9, state.knots))
+    for rows, part in ((slice(0, 3), POSITION), (slice(3, 6), VELOCITY)):
+        out[rows] = _deviations(to_level, found.covariance[:, part, part])
+    rot_nv = mmt(state.rot_ns, state.rot_vs[..., None])
+    turn = np.moveaxis(rot_nv, -1, 0)
+    shared = found.cross[:, ROTATION, MOUNT] @ turn.swapaxes(1, 2)
+    own = turn @ found.covariance_common[MOUNT, MOUNT] @ turn.swapaxes(1, 2)
+    doubt = found.covariance[:, ROTATION, ROTATION] - shared - shared.swapaxes(1, 2) + own
+    ahead = mm(rot_ln, rot_nv)[:2, 0]
+    ahead = ahead / np.maximum(np.sqrt((ahead**2).sum(axis=0)), 1e-12)
+    axes = np.zeros((3, 3, state.knots))
+    axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1], axes[2, 2] = ahead[0], ahead[1], -ahead[1], ahead[0], 1.0
+    out[6:] = _deviations(np.moveaxis(mm(axes, rot_ln), -1, 0), doubt)
+    return out
+
+
+def _deviations(axes: Floats, covariance: Floats) -> Floats:
+    """Square roots of the diagonal of axes C axes^T: (3, N) of (N, 3, 3) both."""
+    turned = np.einsum("nij,njk,nik->in", axes, covariance, axes, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(turned, 0.0)))

@@ -1,0 +1,280 @@
+"""The size of the noise, from the drive itself: maximum marginal likelihood with log-normal priors.
+
+At a linearisation the problem is linear and Gaussian, so that the unknowns can be integrated out,
+
+    -2 log L = min cost + log det H + sum log det (covariances of the factors) + const,
+
+with H the bordered matrix of the normal equations, whose determinant falls out of its factor. The gradient needs
+no derivative of H: by Fisher's identity it is the expectation of the gradient of the complete-data likelihood, which
+takes second moments of neighbouring knots only. Fixes that a robust loss puts aside do not count.
+
+References
+    Bar-Shalom, Li, Kirubarajan (2001), section 1.4; Särkkä (2013), "Bayesian filtering and smoothing", section 12.2.3
+    (Fisher's identity, eq. 12.32); Koch (1999), "Parameter estimation and hypothesis testing in linear models",
+    section 3.6 (variance components).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from recon.numerics.smoothing.band import (
+    cross_covariances,
+    factor,
+    global_covariances,
+    marginals,
+    selected_inverse,
+    solve_bordered,
+)
+from recon.numerics.smoothing.constraints import add_drift
+from recon.numerics.smoothing.inertial import HERE, THERE, add_inertial, whitening
+from recon.numerics.smoothing.normal import Normal
+from recon.numerics.smoothing.smoother import Noise, Smoother, Solved
+from recon.numerics.smoothing.soa import Floats
+from recon.numerics.smoothing.state import COMMON_SIZE, DRIFT, KNOT_SIZE, SCALES
+
+_NAMES: Final = ("drift_h", "drift_v", "tau", "position_h", "position_v", "velocity_h", "velocity_v", "gyro", "accel")
+_PRIOR: Final = np.array([0.35, 0.35, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0])
+"""Sigma of the logarithms. Ten minutes hardly tell the size of an error that changes in two."""
+_REACH: Final = 2.5
+"""Bound of the logarithms."""
+_STILL_FACTOR: Final = 1.5
+"""The moving car is at least so much noisier than the standing one."""
+_STEPS: Final = 8
+_ENOUGH: Final = 0.2
+"""Decrease of -log L that a further step must promise."""
+_FARTHEST: Final = 1.0
+"""Longest step of a logarithm."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Second moments of the step about the linearisation: x x^T + covariance.
+
+    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (N, 18, 21); both_common : (21, 21)
+    step : (N, 18), step_common : (21,)
+    """
+
+    own: Floats
+    next: Floats
+    common: Floats
+    both_common: Floats
+    step: Floats
+    step_common: Floats
+
+    def squares(self, part: Normal) -> float:
+        """Expected sum of squared residuals of the factors in part."""
+        blocks = part.blocks
+        quadratic = np.einsum("nij,nij->", blocks[:, :, :KNOT_SIZE], self.own)
+        quadratic += 2.0 * np.einsum("nij,nij->", blocks[:-1, :, KNOT_SIZE:], self.next)
+        quadratic += 2.0 * np.einsum("gni,nig->", part.border[:-1], self.common)
+        quadratic += (part.corner[:-1, :-1] * self.both_common).sum()
+        linear = (part.border[-1] * self.step).sum() + part.corner[:-1, -1] @ self.step_common
+        return float(part.cost - 2.0 * linear + quadratic)
+
+
+class Likelihood:
+    """The marginal likelihood of the sizes of the noise, about one solution."""
+
+    def __init__(self, smoother: Smoother, solved: Solved) -> None:
+        self.smoother, self.solved, self.noise = smoother, solved, solved.noise
+        self.parts = smoother.parts(solved)
+        self.total = Normal(smoother.normal.knots)
+        epochs = solved.epochs
+        inlier_p, inlier_v = solved.pos_weight > 0.5, solved.vel_weight > 0.5
+        sigma_p, sigma_v = smoother.drive.fixes.pos_sigma, smoother.drive.fixes.vel_sigma
+        fixed = epochs.fix >= 0
+        p = np.isfinite(sigma_p[:, epochs.fix]) & fixed & inlier_p
+        v = np.isfinite(sigma_v[:, epochs.fix]) & fixed & inlier_v & ~smoother.drive.fixes.small_only[epochs.fix]
+        share = smoother.drive.fixes.share[epochs.fix]
+        self.counts = np.array(
+            [(p[:2] * share).sum(), (p[2] * share).sum(), (v[:2] * share).sum(), (v[2] * share).sum()]
+        )
+
+    def __call__(self, logs: Floats) -> tuple[float, Floats]:
+        """-2 log L (up to a constant) and its gradient for logarithms (9,) of factors on the noise so far."""
+        noise = scaled_noise(self.noise, logs)
+        white = whitening(self.solved.increments, *self.smoother.densities(noise))
+        total, weights = self.total, np.exp(-2.0 * logs[3:7])
+        total.clear()
+        total.add(1.0, self.parts.fixed)
+        for weight, part in zip(weights, self.parts.fixes, strict=True):
+            total.add(weight, part)
+        drift, length = self.solved.state.drift_n, self.smoother.length
+        add_drift(total, drift, length, noise.drift, noise.drift_tau)
+        add_inertial(total, self.parts.inertial, white)
+        cost, right, right_common = total.cost, total.border[-1].copy(), total.corner[:-1, -1].copy()
+        moments, log_determinant = self._moments()
+        variance = self._drift_variance(noise)
+        value = cost - float((right * moments.step).sum() + right_common @ moments.step_common) + log_determinant
+        value += float(2.0 * self.counts @ logs[3:7] + np.log(variance).sum() + 2.0 * np.log(noise.drift).sum())
+        value -= float(2.0 * np.log(np.einsum("kii->ki", white)).sum())
+        gradient = np.zeros(len(_NAMES))
+        squares = np.array([moments.squares(part) for part in self.parts.fixes])
+        gradient[3:7] = 2.0 * self.counts - 2.0 * weights * squares
+        gradient[0:3] = self._drift_gradient(noise, variance, moments)
+        gradient[7:9] = self._inertial_gradient(noise, white, moments)
+        return value, gradient
+
+    def _moments(self) -> tuple[Moments, float]:
+        free = self.smoother.free
+        keep = np.append(free, True)
+        border = self.total.border[keep].reshape(int(keep.sum()), -1).T
+        system = factor(self.total.buffer, self.total.knots, KNOT_SIZE)
+        found = solve_bordered(system, border, self.total.corner[np.ix_(keep, keep)])
+        inverse = selected_inverse(system, found)
+        step = found.step
+        common = np.zeros((len(step), KNOT_SIZE, COMMON_SIZE))
+        common[..., free] = global_covariances(inverse)
+        step_common = np.zeros(COMMON_SIZE)
+        step_common[free] = found.step_global
+        both = np.zeros((COMMON_SIZE, COMMON_SIZE))
+        both[np.ix_(free, free)] = found.covariance_global
+        return Moments(
+            own=marginals(inverse) + step[:, :, None] * step[:, None, :],
+            next=cross_covariances(inverse) + step[:-1, :, None] * step[1:, None, :],
+            common=common + step[:, :, None] * step_common,
+            both_common=both + np.outer(step_common, step_common),
+            step=step,
+            step_common=step_common,
+        ), found.log_determinant
+
+    def _drift_variance(self, noise: Noise) -> Floats:
+        """Of the steps of the drift: (3, K) m^2."""
+        kept = np.exp(-self.smoother.length / noise.drift_tau)
+        return np.asarray((1.0 - kept**2) * noise.drift[:, None] ** 2)
+
+    def _drift_gradient(self, noise: Noise, variance: Floats, moments: Moments) -> Floats:
+        """With respect to the logarithms of sigma across, sigma up and tau: (3,)."""
+        i = np.arange(DRIFT.start, DRIFT.stop)
+        now = self.solved.state.drift_n
+        mean = now + moments.step[:, i].T
+        spread = moments.own[:, i, i].T - moments.step[:, i].T ** 2
+        square = mean**2 + spread
+        across = moments.next[:, i, i].T - moments.step[:-1, i].T * moments.step[1:, i].T + mean[:, :-1] * mean[:, 1:]
+        length = self.smoother.length
+        kept = np.exp(-length / noise.drift_tau)
+        error = square[:, 1:] - 2.0 * kept * across + kept**2 * square[:, :-1]
+        by_sigma = (2.0 - 2.0 * error / variance).sum(axis=1) + 2.0 - 2.0 * square[:, 0] / noise.drift**2
+        d_kept = kept * length / noise.drift_tau
+        d_variance = -2.0 * kept * d_kept * noise.drift[:, None] ** 2
+        by_tau = (-2.0 * across + 2.0 * kept * square[:, :-1]) * d_kept / variance
+        by_tau += d_variance / variance - error * d_variance / variance**2
+        return np.array([by_sigma[:2].sum(), by_sigma[2], by_tau.sum()])
+
+    def _inertial_gradient(self, noise: Noise, white: Floats, moments: Moments) -> Floats:
+        """With respect to the logarithms of the densities of gyro and accelerometer: (2,)."""
+        tall = self.parts.inertial
+        here, there, size = HERE.stop - HERE.start, THERE.stop - THERE.start, tall.shape[2]
+        both = here + there
+        z = np.empty((len(tall), size, size))
+        z[:, :here, :here] = moments.own[:-1, HERE, HERE]
+        z[:, :here, here:both] = moments.next[:, HERE, THERE]
+        z[:, here:both, here:both] = moments.own[1:, THERE, THERE]
+        z[:, :here, both:-1] = moments.common[:-1, HERE, SCALES]
+        z[:, here:both, both:-1] = moments.common[1:, THERE, SCALES]
+        z[:, both:-1, both:-1] = moments.both_common[SCALES, SCALES]
+        z[:, :here, -1], z[:, here:both, -1] = -moments.step[:-1, HERE], -moments.step[1:, THERE]
+        z[:, both:-1, -1], z[:, -1, -1] = -moments.step_common[SCALES], 1.0
+        for a, b in ((slice(here, both), slice(0, here)), (slice(both, size - 1), slice(0, both))):
+            z[:, a, b] = z[:, b, a].swapaxes(1, 2)
+        z[:, -1, :-1] = z[:, :-1, -1]
+        weighted = white @ tall
+        residual = weighted @ z @ weighted.swapaxes(1, 2)
+        increments = self.solved.increments
+        found = []
+        for density, unit in ((noise.gyro, increments.covariance_gyro), (noise.accel, increments.covariance_accel)):
+            change = 2.0 * density**2 * (white @ unit @ white.swapaxes(1, 2))
+            found.append(np.einsum("kii->", change) - np.einsum("kij,kji->", change, residual))
+        return np.array(found)
+
+
+def scaled_noise(noise: Noise, logs: Floats) -> Noise:
+    """The noise with its sizes multiplied by exp(logs): (9,), as named in _NAMES."""
+    f = np.exp(logs)
+    return replace(
+        noise,
+        drift=noise.drift * f[[0, 0, 1]],
+        drift_tau=noise.drift_tau * float(f[2]),
+        position=noise.position * f[[3, 3, 4]],
+        velocity=noise.velocity * f[[5, 5, 6]],
+        gyro=noise.gyro * float(f[7]),
+        accel=noise.accel * float(f[8]),
+    )
+
+
+def at_least_still(noise: Noise, still: tuple[float | None, float | None]) -> Noise:
+    """The noise, that of the IMU no smaller than what it is at stops (arguments as of `likely_noise`)."""
+    return replace(
+        noise,
+        gyro=max(noise.gyro, _STILL_FACTOR * (still[0] or 0.0)),
+        accel=max(noise.accel, _STILL_FACTOR * (still[1] or 0.0)),
+    )
+
+
+def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, float | None]) -> Noise:
+    """The noise of largest posterior likelihood about a solution.
+
+    still : densities of gyro and accelerometer at stops, which bound those of the moving car; None where unknown: then
+        those at hand are not made smaller, for loose constraints would take their place
+    """
+    likelihood = Likelihood(smoother, solved)
+    low, high = np.full(len(_NAMES), -_REACH), np.full(len(_NAMES), _REACH)
+    for index, floor, now in ((7, still[0], solved.noise.gyro), (8, still[1], solved.noise.accel)):
+        low[index] = 0.0 if floor is None else min(0.0, float(np.log(_STILL_FACTOR * floor / now)))
+    unseen = np.flatnonzero(likelihood.counts == 0.0) + 3
+    low[unseen] = high[unseen] = 0.0
+    return scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
+
+
+def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[[Floats], tuple[float, Floats]]:
+    """Half of -2 log L plus the prior, and its gradient."""
+
+    def objective(logs: Floats) -> tuple[float, Floats]:
+        value, gradient = likelihood(logs)
+        return 0.5 * (value + float(((logs / _PRIOR) ** 2).sum())), 0.5 * (gradient + 2.0 * logs / _PRIOR**2)
+
+    return objective
+
+
+def _curvature(likelihood: Likelihood) -> Floats:
+    """Rough second derivatives of the objective: what n residuals tell of their size, 2 n, less what others explain."""
+    length = likelihood.smoother.length
+    fixes = likelihood.counts * [1.0, 1.0, 2.0, 2.0]
+    slow = float(length.sum()) * np.array([0.2, 0.1, 0.07])
+    return np.concatenate([slow, fixes, [0.8 * len(length), 0.05 * len(length)]]) + 1.0 / _PRIOR**2
+
+
+def _least(objective: Callable[[Floats], tuple[float, Floats]], curvature: Floats, low: Floats, high: Floats) -> Floats:
+    """The least value within bounds, to a tenth of its unit of likelihood: quasi-Newton (BFGS).
+
+    Nocedal and Wright (2006), 2nd ed., eq. 6.19. Four or five values suffice from a fair first curvature, where a
+    library that must find it takes fifteen; each value is a whole factorisation.
+    """
+    hessian = np.diag(curvature)
+    here = np.clip(np.zeros_like(low), low, high)
+    value, gradient = objective(here)
+    for _ in range(_STEPS):
+        held = ((here <= low) & (gradient > 0.0)) | ((here >= high) & (gradient < 0.0))
+        free = np.flatnonzero(~held)
+        step = np.zeros_like(here)
+        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        if -gradient @ step < _ENOUGH:
+            break
+        step *= min(1.0, _FARTHEST / float(np.abs(step).max()))
+        there = np.clip(here + step, low, high)
+        value_there, gradient_there = objective(there)
+        change, moved = gradient_there - gradient, there - here
+        if change @ moved > 0.0:
+            pushed = hessian @ moved
+            hessian = hessian + np.outer(change, change) / (change @ moved)
+            hessian = hessian - np.outer(pushed, pushed) / (moved @ pushed)
+        if value_there < value:
+            here, value, gradient = there, value_there, gradient_there
+        else:
+            hessian = 2.0 * hessian
+    return here

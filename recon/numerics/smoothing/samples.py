@@ -1,0 +1,135 @@
+"""The samples of a log on a grid of intervals: every interval has the same number of steps, so intervals are a reshape.
+
+Steps keep the times of the log, jitter and drifting rates included. Only what a reshape cannot carry is changed: gaps
+are bridged by further samples, and the last interval is padded with steps of no length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.smoothing.soa import Floats
+
+GAP_S = 0.1
+GAP_STEPS = 3.5
+"""A step longer than both, the second in median steps, is a gap."""
+
+LONG_GAP_S = 10.0
+"""Nothing that was measured at the ends of a longer gap says how the box turned inside."""
+
+_FEWEST_STEPS = 10
+_FINE_RATE_HZ = 50.0
+_LEAST_FILL = 0.1
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of a drive, n = K m steps in K intervals of m; every m-th sample is a knot.
+
+    t_s : (n+1,) s, not decreasing; equal only at the padded end
+    gyro_s : (n+1, 3) rad/s, sensor
+    accel_s : (n+1, 3) m/s^2, sensor, specific force
+    filled : (n,), steps that bridge a gap of the log
+    row : (n+1,), row of the log, -1 where a sample was filled in or padded
+    per_interval : m, even
+    """
+
+    t_s: Floats
+    gyro_s: Floats
+    accel_s: Floats
+    filled: NDArray[np.bool_]
+    row: NDArray[np.int64]
+    per_interval: int
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals, K; knots are one more."""
+        return len(self.filled) // self.per_interval
+
+    @property
+    def knot_times(self) -> Floats:
+        """Times of the knots: (K+1,) s."""
+        return self.t_s[:: self.per_interval]
+
+
+def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float = 2.0) -> Samples:
+    """The log in intervals of about `knot_s`, gaps bridged.
+
+    A gap is bridged by samples at the nominal rate, at longer steps where it would take more than an interval of them:
+    interpolated, or in a gap of more than 10 s at rest on the mean specific force of both ends. The last interval is
+    padded by repeating the last sample at its time; a rest of less than a tenth of an interval is dropped instead.
+
+    t_s : (N,) s, strictly increasing
+    gyro_s : (N, 3) rad/s, sensor
+    accel_s : (N, 3) m/s^2, sensor
+    raises : ValueError if the times do not increase, or fill less than two intervals
+    """
+    step = np.diff(t_s)
+    if not np.all(step > 0.0):
+        raise ValueError("times of samples must strictly increase")
+    if len(step) < _FEWEST_STEPS:
+        raise ValueError(f"{len(t_s)} samples are too few to smooth: two intervals of {_FEWEST_STEPS} steps are needed")
+    nominal = float(np.median(step))
+    m = _steps_per_interval(1.0 / nominal, knot_s)
+    log = Samples(t_s, gyro_s, accel_s, np.zeros(len(step), bool), np.arange(len(t_s)), m)
+    bridged = _bridged(log, nominal)
+    whole, rest = divmod(len(bridged.filled), m)
+    intervals = whole + (rest >= _LEAST_FILL * m)
+    if intervals < 2:
+        raise ValueError(f"{t_s[-1] - t_s[0]:.3g} s of samples are too short: two intervals of {m} steps are needed")
+    return _resized(bridged, intervals * m)
+
+
+def _steps_per_interval(rate_hz: float, knot_s: float) -> int:
+    """An even number of steps near knot_s; a multiple of fifty where the rate allows, for panels of whole steps."""
+    unit = 50 if rate_hz >= _FINE_RATE_HZ else 2
+    return max(unit * round(knot_s * rate_hz / unit), unit, _FEWEST_STEPS)
+
+
+def _bridged(samples: Samples, nominal_s: float) -> Samples:
+    """Gaps filled with samples at the nominal step, at most one interval in each."""
+    t_s, gyro_s, accel_s = samples.t_s, samples.gyro_s, samples.accel_s
+    step = np.diff(t_s)
+    gaps = np.flatnonzero(step > max(GAP_S, GAP_STEPS * nominal_s))
+    if not len(gaps):
+        return samples
+    steps = np.minimum(np.rint(step[gaps] / nominal_s).astype(int), samples.per_interval)
+    before = np.repeat(gaps, steps - 1)
+    first = np.repeat(np.cumsum(steps - 1) - steps, steps - 1)
+    part = (np.arange(len(before)) - first) / np.repeat(steps, steps - 1)
+    long = (step[before] > LONG_GAP_S)[:, None]
+    rate = np.where(long, 0.0, _between(gyro_s, before, part[:, None]))
+    force = _between(accel_s, before, np.where(long, 0.5, part[:, None]))
+    row = np.insert(samples.row, before + 1, -1)
+    return Samples(
+        t_s=np.insert(t_s, before + 1, _between(t_s, before, part)),
+        gyro_s=np.insert(gyro_s, before + 1, rate, axis=0),
+        accel_s=np.insert(accel_s, before + 1, force, axis=0),
+        filled=(row[:-1] < 0) | (row[1:] < 0),
+        row=row,
+        per_interval=samples.per_interval,
+    )
+
+
+def _between(x: Floats, before: NDArray[np.int64], part: Floats) -> Floats:
+    return np.asarray(x[before] + part * (x[before + 1] - x[before]))
+
+
+def _resized(samples: Samples, steps: int) -> Samples:
+    """Cut after so many steps, or padded to them with steps of no length."""
+    pad = max(steps - len(samples.filled), 0)
+
+    def fit(x: Floats) -> Floats:
+        return np.concatenate([x[: steps + 1], np.repeat(x[-1:], pad, axis=0)])
+
+    return Samples(
+        t_s=fit(samples.t_s),
+        gyro_s=fit(samples.gyro_s),
+        accel_s=fit(samples.accel_s),
+        filled=np.pad(samples.filled[:steps], (0, pad)),
+        row=np.pad(samples.row[: steps + 1], (0, pad), constant_values=-1),
+        per_interval=samples.per_interval,
+    )
