@@ -29,7 +29,7 @@ from recon import (
 from recon.errors import UnknownFormat
 from recon.parameters import bind
 from recon.problems import Where
-from recon.schema import STREAMS
+from recon.schema import STREAMS, unnumbered
 from recon.stages import Delegation
 from recon.tables import append, conform
 from recon.yaml_nodes import Node
@@ -75,11 +75,14 @@ def _stamped(reader: Reader, returned: Streams, params: Params) -> Streams:
     """What a reader returned, with the units, frames and quantities that it declares."""
     if reader.self_describing:
         return dict(returned)
-    planned = reader.outputs({}, params)
-    undeclared = sorted(set(returned) - set(planned))
+    declared = reader.outputs({}, params)
+    homes = {name: name if name in declared else unnumbered(name) for name in returned}
+    undeclared = sorted(name for name, home in homes.items() if home not in declared)
     if undeclared:
         raise ContractError(reader.key, f"it returned the stream '{undeclared[0]}', which it does not declare")
-    return {name: conform(table, planned[name], stream=name, step=reader.key) for name, table in returned.items()}
+    return {
+        name: conform(table, declared[homes[name]], stream=name, step=reader.key) for name, table in returned.items()
+    }
 
 
 def _ask(path: Path, registry: Registry) -> tuple[list[Opinion], list[str]]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import read_back
+from array_logs import navego_gnss, navego_imu, navego_ref, save_mat, segment
 
 from recon.pytest_plugin import MARK
 from recon.registry import Registry
@@ -27,6 +28,7 @@ FOLDER = Path(tempfile.gettempdir()) / f"recon-contract-{os.getpid()}"
 FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
 TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
+SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -49,6 +51,9 @@ def files() -> Iterator[None]:
     FULLINERTIAL.write_text(fullinertial(), encoding="utf-8")
     TABLE.write_text(table(), encoding="utf-8")
     RECORDS.write_text(json.dumps(records(), indent=1), encoding="utf-8")
+    segment(SEGMENT)
+    for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
+        save_mat(NAVEGO / f"{name}.mat", **{name: fields})
     yield
     shutil.rmtree(FOLDER)
 
@@ -118,6 +123,16 @@ def test_reader_mcap(law: BoundLaw) -> None:
     expected_failures={"it_knows_its_own_file": "what the columns of a table mean, only its mapping tells"},
 )
 def test_reader_csv(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.comma2k19", cases=[Case("segment", path=SEGMENT), Case("folder", path=SEGMENT.parent)])
+def test_reader_comma2k19(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.navego", cases=[Case("folder", path=NAVEGO), Case("file", path=NAVEGO / "gnss.mat")])
+def test_reader_navego(law: BoundLaw) -> None:
     law()
 
 

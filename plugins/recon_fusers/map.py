@@ -1,0 +1,265 @@
+"""The best trajectory of a whole drive from IMU and GNSS, nothing told about how the box is mounted.
+
+All unknowns of the drive at once, by robust nonlinear least squares (maximum a posteriori): attitude, velocity,
+position and biases at knots two seconds apart, the slow error of GNSS, the mounting of the box, the levers to the
+antenna and the rear axle, delays of GNSS, scale errors, and how the body leans and slips. Between knots the IMU is
+summed up beforehand. The size of the noise is estimated first, then outliers are told apart. See
+recon.numerics.smoothing for the model; plugins/recon_fusers/README.md for what it reaches.
+
+    minimise  sum |e_imu|^2 + sum w |e_gnss|^2 + sum |e_wheels|^2 + sum |e_standing|^2 + sum |e_prior|^2
+
+The trajectory is that of the origin of the IMU, at its rate; its attitude is that of the vehicle, in the local level
+frame of the place; that of the box is vehicle times mounting (metrics mount_qw to mount_qz). Sigmas come from the
+inverse of the normal equations. The roll of the mounting is known only as far as roads are level on average.
+
+References
+    Forster, Carlone, Dellaert, Scaramuzza (2017), "On-manifold preintegration for real-time visual-inertial odometry",
+    IEEE T-RO 33(1), 1-21.
+    Yang, Antonante, Tzoumas, Carlone (2020), "Graduated non-convexity for robust spatial perception", IEEE RA-L 5(2).
+    Dissanayake, Sukkarieh, Nebot, Durrant-Whyte (2001), IEEE T-RA 17(5) (constraints of wheels).
+    Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from recon import (
+    ATTITUDE,
+    EVENTS,
+    GNSS,
+    IMU,
+    KNOTS,
+    RESIDUALS,
+    TRAJECTORY,
+    WHEEL,
+    Array,
+    Fuser,
+    Metric,
+    Params,
+    Streams,
+    events,
+    has,
+    hookimpl,
+    matrix,
+    metrics,
+    quantity,
+    setting,
+    time_ns,
+    vector,
+    warning,
+)
+from recon.agreement import agreement, as_metrics
+from recon.numerics.rotation import from_euler
+from recon.sensor_classes import NAMES, SensorClass, typical
+
+if TYPE_CHECKING:
+    from recon.driving import Observed
+    from recon.numerics.smoothing import Estimate, Model, Noise
+
+_REJECTED = 0.2
+"""Share of fixes put aside, beyond which the rest is not to be trusted either."""
+_LARGE_RESIDUAL = 2.0
+"""Root mean square of accepted residuals in sigmas."""
+_UNSURE_HEADING = np.radians(5.0)
+
+
+class MapParams(Params):
+    """Parameters of fuser.map. None leaves a value to the class of the sensor, or to be estimated."""
+
+    sensor_class: SensorClass = setting(
+        "consumer_mems", doc="What kind of IMU it is: sizes of noise, biases and scale errors to start from."
+    )
+    estimate_noise: bool = setting(True, doc="Estimate the noise of IMU and GNSS from the drive; false: as given.")
+    gyro_noise: float | None = quantity(None, "deg/s/sqrt(Hz)", gt=0, doc="Density of white noise in the moving car.")
+    accel_noise: float | None = quantity(None, "ug/sqrt(Hz)", gt=0, doc="Density of white noise in the moving car.")
+    gyro_bias_walk: float | None = quantity(None, "deg/s/sqrt(s)", gt=0, doc="Random walk of the bias.")
+    accel_bias_walk: float | None = quantity(None, "ug/sqrt(s)", gt=0, doc="Random walk of the bias.")
+    gyro_bias: float | None = quantity(None, "deg/s", gt=0, doc="Sigma of the bias at the start.")
+    accel_bias: float | None = quantity(None, "mg", gt=0, doc="Sigma of the bias at the start.")
+    gyro_scale: float | None = quantity(None, "%", ge=0, doc="Sigma of the scale error; 0 % for none.")
+    accel_scale: float | None = quantity(None, "%", ge=0, doc="Sigma of the scale error; 0 % for none.")
+
+    reported_sigmas: bool = setting(True, doc="Start from the sigmas that the receiver reports, where it does.")
+    gnss_horizontal: float = quantity(2.5, "m", gt=0, doc="Slow error of positions, each axis, where none is reported.")
+    gnss_vertical: float = quantity(3.5, "m", gt=0, doc="Slow error of heights, where none is reported.")
+    gnss_correlation: float = quantity(100.0, "s", gt=0, doc="Time in which the slow error changes.")
+    gnss_white_horizontal: float = quantity(1.0, "m", gt=0, doc="White error of positions, where none is reported.")
+    gnss_white_vertical: float = quantity(1.5, "m", gt=0, doc="White error of heights, where none is reported.")
+    gnss_velocity: float = quantity(0.1, "m/s", gt=0, doc="Error of each axis and of speed, where none is reported.")
+    gnss_velocity_vertical: float = quantity(0.15, "m/s", gt=0, doc="Error of vertical velocity, where none is reported.")
+
+    mounting: tuple[float, float, float] | None = quantity(
+        None, "deg", doc="Roll, pitch, yaw of the box in the vehicle (ISO 8855); none: found from the drive."
+    )
+    mounting_sigma: float = quantity(1.0, "deg", gt=0, doc="How well the mounting is known, where it is given.")
+    lever_arm: tuple[float, float, float] | None = quantity(
+        None, "m", doc="From the IMU to the antenna: forward, left, up; none: found, as far as turns tell it."
+    )
+    lever_arm_sigma: float = quantity(0.05, "m", gt=0, doc="How well the lever arm is known, where it is given.")
+    rear_axle: tuple[float, float, float] | None = quantity(
+        None, "m", doc="From the IMU to the middle of the rear axle: forward, left, up; none: found."
+    )
+    rear_axle_sigma: float = quantity(0.1, "m", gt=0, doc="How well the rear axle is known, where it is given.")
+    gnss_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the delay of positions; 0 ms where stamps are right.")
+    gnss_velocity_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the further delay of velocities.")
+    wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
+    first_attitude_sigma: float = quantity(2.0, "deg", gt=0, doc="How well the stream attitude is known, where given.")
+    output_rate: float | None = quantity(None, "Hz", gt=0, doc="Rows of the trajectory per second; none: every record.")
+
+
+def fuse_map(
+    *,
+    imu: pa.Table,
+    gnss: pa.Table,
+    wheel: pa.Table | None,
+    attitude: pa.Table | None,
+    params: MapParams,
+) -> Streams:
+    """The trajectory with sigmas, residuals of every fix, standstills and outages, and every number estimated.
+
+    imu : accel m/s^2 (specific force), gyro rad/s, any mounting; gnss : positions or speed; wheel : speed
+    attitude : its first row is taken as the attitude of the imu's axes at that time
+    raises : NotEnoughData and DataError where the log cannot tell, with what is missing
+    """
+    from recon.driving import drive_of, observe, solve
+    from recon_fusers import _map_tables as tables  # slow import: only when used
+    from recon_fusers._map_knots import knots
+
+    start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
+    observed = observe(gnss, start_ns, _trust(params), params.reported_sigmas)
+    drive = drive_of(imu, wheel, observed, start_ns)
+    found = solve(drive, _model(params, attitude), _noise(params, observed), params.estimate_noise)
+    trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
+    learnt = [*tables.estimates(found, observed), *_doubts(found, observed, trajectory, gnss)]
+    return {
+        "trajectory": trajectory,
+        "knots": knots(found, imu, trajectory),
+        "residuals": tables.residuals(found, observed, gnss),
+        "events": events(tables.happenings(found, start_ns)),
+        "metrics": metrics(learnt),
+    }
+
+
+def _trust(params: MapParams):  # type: ignore[no-untyped-def]
+    from recon.driving import Trust
+
+    across, up = params.gnss_horizontal, params.gnss_vertical
+    return Trust(
+        drift=(across, across, up),
+        white=(params.gnss_white_horizontal, params.gnss_white_horizontal, params.gnss_white_vertical),
+        velocity=(params.gnss_velocity, params.gnss_velocity, params.gnss_velocity_vertical),
+    )
+
+
+def _value(params: MapParams, name: str) -> float:
+    """A parameter, or what is typical of the class."""
+    given: float | None = getattr(params, name)
+    return typical(params.sensor_class, name) if given is None else given
+
+
+def _model(params: MapParams, attitude: pa.Table | None) -> Model:
+    from recon.numerics.smoothing import Model
+
+    value = {name: _value(params, name) for name in NAMES}
+    known: dict[str, object] = {}
+    if params.mounting is not None:
+        roll, pitch, yaw = params.mounting
+        known["mounting"] = _matrix(from_euler(yaw, pitch, roll))
+        known["mounting_sigma"] = (params.mounting_sigma,) * 3
+    for name, sigma in (("lever_arm", params.lever_arm_sigma), ("rear_axle", params.rear_axle_sigma)):
+        if getattr(params, name) is not None:
+            part = name.split("_")[0]
+            known[part], known[f"{part}_sigma"] = getattr(params, name), (sigma,) * 3
+    if attitude is not None and attitude.num_rows:
+        known["first_attitude"] = _matrix(matrix(attitude, "q")[0])
+        known["first_attitude_sigma"] = (params.first_attitude_sigma,) * 3
+    return Model(
+        gyro_bias=value["gyro_bias"],
+        accel_bias=value["accel_bias"],
+        gyro_scale=value["gyro_scale"],
+        accel_scale=value["accel_scale"],
+        lag=params.gnss_delay,
+        velocity_lag=params.gnss_velocity_delay,
+        wheels=params.wheels,
+        **known,  # type: ignore[arg-type]
+    )
+
+
+def _matrix(q: Array) -> Array:
+    from recon.numerics.smoothing.soa import quat_to_matrix
+
+    return np.asarray(quat_to_matrix(np.asarray(q)[:, None])[..., 0])
+
+
+def _noise(params: MapParams, observed: Observed) -> Noise:
+    from recon.numerics.smoothing import Noise
+
+    return Noise(
+        gyro=_value(params, "gyro_noise"),
+        accel=_value(params, "accel_noise"),
+        gyro_walk=_value(params, "gyro_bias_walk"),
+        accel_walk=_value(params, "accel_bias_walk"),
+        drift=observed.drift,
+        drift_tau=params.gnss_correlation,
+        position=np.ones(3),
+        velocity=np.ones(3),
+    )
+
+
+def _doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:
+    """What the result shows of itself that a user must know."""
+    solved = found.solved
+    notes = []
+    if not solved.converged:
+        notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it")
+    used = solved.epochs.fix >= 0
+    for name, sigma, weight, residual in (
+        ("positions", observed.fixes.pos_sigma, solved.pos_weight, solved.pos_residual),
+        ("velocities", observed.fixes.vel_sigma, solved.vel_weight, solved.vel_residual),
+    ):
+        finite = np.isfinite(sigma[:, solved.epochs.fix]) & used
+        seen = finite.any(axis=0)
+        if not seen.any():
+            continue
+        share = float((weight[seen] < 0.5).mean())
+        if share > _REJECTED:
+            notes.append(f"{share:.0%} of the GNSS {name} do not fit the IMU and were put aside: check units and clocks")
+        good = finite & (weight > 0.5)
+        size = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else 0.0
+        if size > _LARGE_RESIDUAL:
+            notes.append(f"GNSS {name} miss the trajectory by {size:.1f} of their sigmas: the sigmas are too small")
+    heading = float(np.sqrt(np.median(np.square(vector(trajectory, "att_std_yaw")))))
+    if heading > _UNSURE_HEADING:
+        notes.append(f"the heading is only known to {np.degrees(heading):.0f} deg: there is hardly any motion to tell it")
+    speed = np.hypot(vector(trajectory, "vel_e"), vector(trajectory, "vel_n"))
+    compared = []
+    if has(gnss, "speed"):
+        apart = agreement(time_ns(trajectory), speed, time_ns(gnss), vector(gnss, "speed", gaps=True))
+        compared = as_metrics(apart, "the speed of the trajectory", "gnss speed")
+    return [*map(warning, notes), *compared]
+
+
+@hookimpl
+def declare_fusers() -> Iterable[Fuser]:
+    """Declare fuser.map."""
+    yield Fuser(
+        name="map",
+        summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
+        params=MapParams,
+        reads={
+            "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),
+            "gnss": GNSS.need(
+                maybe=["lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix"],
+            ),
+            "wheel": WHEEL.need("speed", optional=True),
+            "attitude": ATTITUDE.need("q", optional=True),
+        },
+        writes={"trajectory": TRAJECTORY, "knots": KNOTS, "residuals": RESIDUALS, "events": EVENTS},
+        run=fuse_map,
+        references=("Forster et al. 2017", "Yang et al. 2020", "Dissanayake et al. 2001", "Groves 2013"),
+    )
