@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         FRAMES,
         GNSS,
         IMU,
+        KNOTS,
         MAG,
         METRICS,
         REFERENCE,
@@ -81,7 +82,7 @@ if TYPE_CHECKING:
         vector,
         with_meta,
     )
-    from recon.trajectory import Pose, Poses, Trajectory
+    from recon.trajectory import Movement, Pose, Poses, Trajectory
 
 _HOMES = {
     "api": "Run evaluate open read run",
@@ -93,11 +94,11 @@ _HOMES = {
     "recording": "Recording",
     "registry": "Registry",
     "rows": "Event Metric events metrics spans warning",
-    "schema": "ANY ATTITUDE BARO EVENTS FRAMES GNSS IMU MAG METRICS REFERENCE RESIDUALS SAME TRAJECTORY WHEEL Change "
-    "Column Need Schema",
+    "schema": "ANY ATTITUDE BARO EVENTS FRAMES GNSS IMU KNOTS MAG METRICS REFERENCE RESIDUALS SAME TRAJECTORY WHEEL "
+    "Change Column Need Schema",
     "stages": "Aligner Analyzer Detector Executor Exporter Filter Fuser Integrator Reader Simulator Sniff",
     "tables": "Array Streams build has matrix meta replace seconds select_rows time_ns times vector with_meta",
-    "trajectory": "Pose Poses Trajectory",
+    "trajectory": "Movement Pose Poses Trajectory",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 
@@ -109,6 +110,7 @@ __all__ = [
     "FRAMES",
     "GNSS",
     "IMU",
+    "KNOTS",
     "MAG",
     "METRICS",
     "REFERENCE",
@@ -132,6 +134,7 @@ __all__ = [
     "Fuser",
     "Integrator",
     "Metric",
+    "Movement",
     "Need",
     "NotEnoughData",
     "Params",

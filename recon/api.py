@@ -48,10 +48,10 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The trajectory. Raises DataError where the pipeline made none."""
+        """The trajectory, with sigmas of changes where the fuser tells them. Raises DataError where there is none."""
         if "trajectory" not in self.recording:
             raise DataError("this run has no trajectory", f"its streams are {', '.join(self.recording)}")
-        return Trajectory(self.recording["trajectory"])
+        return Trajectory(self.recording["trajectory"], self.recording.get("knots"))
 
     @property
     def events(self) -> pa.Table | None:

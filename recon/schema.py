@@ -250,6 +250,14 @@ def _text(name: str, doc: str = "") -> Column:
     return Column(name, type=pa.string(), doc=doc)
 
 
+_LIST: Final = pa.list_(pa.field("element", pa.float32()))
+"""Parquet knows items of lists by that name alone."""
+
+
+def _numbers(name: str, doc: str) -> Column:
+    return Column(name, type=_LIST, doc=doc)
+
+
 TIME: Final = Column("time", quantity="time", type=TIME_TYPE, doc="UTC unless the stream's time_scale says otherwise")
 _ACCEL = vector("accel", "xyz", "m/s^2", "sensor", "specific_force")
 _GYRO = vector("gyro", "xyz", "rad/s", "sensor", "angular_rate")
@@ -266,6 +274,13 @@ _ATT_STD = tuple(Column(f"att_std_{name}", "rad", quantity="sigma") for name in 
 _TEMPERATURE = Column("temperature", "K", quantity="temperature", optional=True)
 
 IMU: Final = Schema((TIME, *_ACCEL, *_GYRO, _TEMPERATURE))
+IMU_TRUTH: Final = Schema(
+    (
+        TIME,
+        *vector("accel_bias", "xyz", "m/s^2", "sensor", "specific_force", "that imu holds, known to a simulator alone"),
+        *vector("gyro_bias", "xyz", "rad/s", "sensor", "angular_rate", "that imu holds, known to a simulator alone"),
+    )
+)
 GNSS: Final = Schema(
     (
         TIME,
@@ -312,6 +327,25 @@ TRAJECTORY: Final = Schema(
     )
 )
 REFERENCE: Final = TRAJECTORY
+KNOTS: Final = Schema(
+    (
+        TIME,
+        *_POS,
+        *_VEL,
+        *_Q,
+        *_optional(
+            *vector("gyro_bias", "xyz", "rad/s", "sensor", "angular_rate"),
+            *vector("accel_bias", "xyz", "m/s^2", "sensor", "specific_force"),
+            *vector("drift", "enu", "m", "local", "position", "slow error of GNSS positions"),
+        ),
+        Column("gyro_noise", "rad/s^0.5", quantity="sigma", doc="density of white noise, from here to the next knot"),
+        Column("accel_noise", "m/s^1.5", quantity="sigma", doc="density of white noise, from here to the next knot"),
+        _numbers("root", "L of the covariance in recon.knots, its lower triangle row by row"),
+        _numbers("chain", "D in recon.knots, row by row; empty at the last knot"),
+        _numbers("shared", "T in recon.knots, row by row"),
+    )
+)
+"""The states of a smoother, as `trajectory`, with what covariances between any two times follow from."""
 RESIDUALS: Final = Schema(
     (
         TIME,
@@ -349,6 +383,7 @@ FRAMES: Final = Schema((TIME, Column("index", type=pa.int64()), _text("file")))
 
 STREAMS: Final[Mapping[str, Schema]] = {
     "imu": IMU,
+    "imu_truth": IMU_TRUTH,
     "gnss": GNSS,
     "mag": MAG,
     "baro": BARO,
@@ -356,6 +391,7 @@ STREAMS: Final[Mapping[str, Schema]] = {
     "attitude": ATTITUDE,
     "trajectory": TRAJECTORY,
     "reference": REFERENCE,
+    "knots": KNOTS,
     "residuals": RESIDUALS,
     "events": EVENTS,
     "metrics": METRICS,
@@ -364,6 +400,8 @@ STREAMS: Final[Mapping[str, Schema]] = {
 
 STEP: Final = _text("step", "the step that made the row; added by the runner")
 APPENDED: Final = ("events", "metrics")
+SEVERAL_AT_A_TIME: Final = ("residuals",)
+"""Streams with a row for each component of a measurement: their times rise, but not strictly."""
 
 
 def unnumbered(stream: str) -> str:

@@ -1,4 +1,4 @@
-"""The query side of a trajectory: pose at a time, path length, speed, deviation from a reference."""
+"""The query side of a trajectory: pose at a time, change between two, path length, deviation from a reference."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import DataError
+from recon.knots import ATTITUDE, POSITION, SIZE, VELOCITY, Knots
 from recon.numerics.geodesy import geodetic_to_enu
 from recon.numerics.rotation import angle, conjugate, rotate, shortest_arc, slerp, to_euler
 from recon.numerics.signals import interpolate_angle, wrap_angle
@@ -27,6 +28,9 @@ Times: TypeAlias = OneTime | list[Any] | NDArray[Any]
 
 LAST_NS: Final = 2**63 - 1
 """Greatest int64."""
+
+_SAME_M: Final = 1e-6
+"""m by which a knot may be apart from its trajectory."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +67,42 @@ class Poses:
 
 
 @dataclass(frozen=True)
+class Movement:
+    """How the vehicle moved from one time to another; sigmas and covariances are NaN where they are not known.
+
+    start, stop : UTC; duration : s
+    displacement (3,) m, local East-North-Up, with displacement_covariance (3, 3) m^2; distance : m, its length
+    velocity_change (3,) m/s, local, with velocity_covariance (3, 3) (m/s)^2; delta_v : m/s, its length
+    heading_change : rad, clockwise, in (-pi, pi]; heading_sigma : rad
+
+    Sigmas of lengths are those along the vector, and of use where the length is well above them.
+    """
+
+    start: np.datetime64
+    stop: np.datetime64
+    duration: float
+    displacement: Array
+    displacement_covariance: Array
+    distance: float
+    distance_sigma: float
+    velocity_change: Array
+    velocity_covariance: Array
+    delta_v: float
+    delta_v_sigma: float
+    heading_change: float
+    heading_sigma: float
+
+
+@dataclass(frozen=True)
 class Trajectory:
-    """A trajectory table with questions answered. `table` is the Arrow table."""
+    """A trajectory table with questions answered.
+
+    table : the stream `trajectory`; knots : the stream of that name, from which sigmas of changes come, unless they are
+    those of another trajectory, which a later step has replaced
+    """
 
     table: pa.Table
+    knots: pa.Table | None = None
 
     def __len__(self) -> int:
         return int(self.table.num_rows)
@@ -109,6 +145,42 @@ class Trajectory:
         lat, lon, height = float(poses.lat[0]), float(poses.lon[0]), float(poses.height[0])
         return Pose(poses.time[0], poses.position[0], poses.velocity[0], attitude, lat, lon, height)
 
+    def between(self, start: OneTime, stop: OneTime) -> Movement:
+        """How the vehicle moved between two times, with sigmas where the fuser wrote the stream `knots`.
+
+        Errors at two times have much in common, so that changes are known far better than the sigmas of the
+        trajectory suggest; recon.knots tells how sigmas come about, and what is left out of them.
+
+        Raises DataError as `at`.
+        """
+        t_ns = self._ns([start, stop])
+        poses = self._poses(t_ns)
+        known = self.knots is not None and self._passes(self.knots)
+        spread = Knots.of(self.knots).covariance_of_change(*t_ns.tolist()) if known else np.full((SIZE, SIZE), np.nan)
+        moved, faster = np.diff(poses.position, axis=0)[0], np.diff(poses.velocity, axis=0)[0]
+        yaw = to_euler(poses.attitude)[0]
+        return Movement(
+            start=poses.time[0],
+            stop=poses.time[1],
+            duration=float(t_ns[1] - t_ns[0]) * 1e-9,
+            displacement=moved,
+            displacement_covariance=spread[POSITION, POSITION],
+            distance=float(np.linalg.norm(moved)),
+            distance_sigma=_sigma_along(moved, spread[POSITION, POSITION]),
+            velocity_change=faster,
+            velocity_covariance=spread[VELOCITY, VELOCITY],
+            delta_v=float(np.linalg.norm(faster)),
+            delta_v_sigma=_sigma_along(faster, spread[VELOCITY, VELOCITY]),
+            heading_change=float(wrap_angle(yaw[0] - yaw[1])),
+            heading_sigma=float(np.sqrt(np.maximum(spread[ATTITUDE, ATTITUDE][2, 2], 0.0))),
+        )
+
+    def _passes(self, knots: pa.Table) -> bool:
+        """Does the trajectory pass through the knots?"""
+        _, here, there = np.intersect1d(time_ns(self.table), time_ns(knots), return_indices=True)
+        apart = matrix(self.table, "pos", gaps=True)[here] - matrix(knots, "pos", gaps=True)[there]
+        return not (np.abs(apart) > _SAME_M).any()
+
     def _ns(self, moments: Any) -> NDArray[np.int64]:
         """Many times, each in any form, as ns since 1970: (n,)."""
         own = time_ns(self.table)
@@ -137,6 +209,15 @@ class Trajectory:
             facts["top speed"] = f"{self.speed.max():.2f} m/s"
         cells = "".join(f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts.items())
         return f"<table>{cells}</table>"
+
+
+def _sigma_along(vector: Array, covariance: Array) -> float:
+    """Sigma of the length of a vector (3,), to first order; root mean square of that of one without length."""
+    length = np.linalg.norm(vector)
+    if length == 0.0:
+        return float(np.sqrt(np.maximum(np.trace(covariance), 0.0)))
+    along = vector / length
+    return float(np.sqrt(np.maximum(along @ covariance @ along, 0.0)))
 
 
 def _since_1970(one: Any, start: int) -> int:

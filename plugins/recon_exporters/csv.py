@@ -6,6 +6,7 @@
 time        ISO 8601 with all nanoseconds; UTC, unless the stream's time_scale says otherwise
 t_s         seconds since the first time of the recording, the same zero in all files
 others      as in the stream, in SI, the unit in the header; a number reads back to the same double; null is empty
+            columns of lists, as in knots, are left out
 roll, pitch, yaw [deg]   beside a quaternion: ISO 8855, intrinsic yaw, pitch, roll; positive yaw turns left (from east,
                          where the frame is local), positive pitch puts the nose down
 heading [deg]            beside the quaternion of a trajectory: 90 deg - yaw, clockwise from north, 0 to 360
@@ -63,10 +64,12 @@ def csv(*, streams: Mapping[str, pa.Table], folder: Path, about: Any, params: Cs
 
 
 def _columns(table: pa.Table, start_ns: int) -> dict[str, pa.ChunkedArray]:
-    """The columns of a stream by header, times as text, and `t_s` after `time`."""
+    """The columns of a stream by header, times as text, and `t_s` after `time`; without those that hold lists."""
     found: dict[str, pa.ChunkedArray] = {}
     for column in schema_of(table).columns:
         values = table[column.name]
+        if pa.types.is_list(column.type):
+            continue
         is_time = pa.types.is_timestamp(column.type)
         found[_header(column.name, column.unit)] = _iso_8601(values) if is_time else values
         if column.name == "time":

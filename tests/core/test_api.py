@@ -15,7 +15,7 @@ from recon.parameters import Params, quantity
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import Event, Metric, events, metrics, warning
-from recon.schema import EVENTS, GNSS, TRAJECTORY
+from recon.schema import EVENTS, GNSS, KNOTS, TRAJECTORY
 from recon.stages import Exporter, Filter, Reader
 from recon.tables import build, matrix, vector
 
@@ -133,6 +133,13 @@ def test_several_files_are_one_drive(log):
     other = log.with_name("other.txt")
     other.write_text("5\n6\n7\n", encoding="utf-8")
     assert "gnss_2" in follow_run([log, other]).recording
+
+
+def test_the_trajectory_of_a_run_has_its_knots(log):
+    run = follow_run(log)
+    assert run.trajectory.knots is None
+    known = build(KNOTS, time=clock(2))
+    assert api.Run(Recording({**run.recording, "knots": known}), {}).trajectory.knots is known
 
 
 def test_a_run_without_trajectory_says_what_it_has():

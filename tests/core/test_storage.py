@@ -17,7 +17,7 @@ import pytest
 from recon.errors import ConfigError, ReadFailed, StorageError
 from recon.recording import Recording
 from recon.rows import Event, Metric, events, metrics
-from recon.schema import BARO, FRAMES, GNSS, IMU, by_step
+from recon.schema import BARO, FRAMES, GNSS, IMU, KNOTS, by_step
 from recon.storage import STORES, mcap, read_recording, store_of, write_recording
 from recon.storage.atomic import MANIFEST, MARK, refuse_existing, staged_file, staged_folder
 from recon.tables import build, with_meta
@@ -38,7 +38,7 @@ def imu(rows: int = 40_000) -> pa.Table:
 
 
 def recording() -> Recording:
-    """Every kind of column: times, doubles, integers, booleans, text; a stream without time and one without rows."""
+    """Every kind of column: times, doubles, integers, text, lists; a stream without time and one without rows."""
     t_ns = START_NS + np.arange(5) * 1_000_000_000
     gnss = build(
         GNSS, time=t_ns, lat=np.full(5, 44.5), lon=np.full(5, 11.3), fix=pa.array([3, 3, None, 0, 1], pa.int32())
@@ -50,6 +50,7 @@ def recording() -> Recording:
         "events": with_meta(events([Event(START_NS, START_NS + 1, "crash", 12.5, "m/s", 'said "stop"\n')])),
         "metrics": with_meta(metrics([Metric("yaw", 1.25, "deg"), Metric("warning", note="naïve")])),
         "frames": with_meta(build(FRAMES, time=t_ns, index=np.arange(5), file=pa.array(list("abcde")))),
+        "knots": with_meta(build(KNOTS, time=t_ns[:3], chain=pa.array([[1.5, -0.0], [0.1, 2.0], []]))),
         "baro": with_meta(build(BARO, time=np.zeros(0, dtype=np.int64), pressure=np.zeros(0))),
     }
     return Recording(streams, {"sources": ["drive.txt"], "note": "ü"})

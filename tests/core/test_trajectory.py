@@ -11,11 +11,12 @@ import pytest
 from pyquaternion import Quaternion
 
 from recon.errors import DataError
+from recon.knots import POSITION, SIZE, VELOCITY, Knots
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodetic_to_enu
 from recon.numerics.rotation import Floats, from_euler, to_euler
-from recon.schema import GNSS, TRAJECTORY
+from recon.schema import GNSS, KNOTS, TRAJECTORY
 from recon.tables import build, replace, time_ns, times, with_meta
-from recon.trajectory import Deviation, Pose, Trajectory, deviation, summarize
+from recon.trajectory import Deviation, Movement, Pose, Trajectory, deviation, summarize
 
 EPS = np.finfo(float).eps
 START = "2024-05-01T08:00:00Z"
@@ -149,6 +150,90 @@ def test_speed_path_length_and_duration() -> None:
     assert found.path_length == pytest.approx(50.0, rel=10.0 * EPS)
     assert (found.duration, len(found)) == (10.0, 11)
     assert "50.0 m" in found._repr_html_()
+
+
+def knots(shared: Floats) -> pa.Table:
+    """Knots at 0, 5 and 10 s; `shared` (3, 9, g) is all that errs."""
+    own = np.zeros((3, SIZE, SIZE))
+    time = START_NS + np.arange(3) * 5_000_000_000
+    return build(KNOTS, time=time, **Knots(time, own, own[1:], shared, np.zeros(3), np.zeros(3)).columns())
+
+
+def test_a_movement_is_the_difference_of_two_poses() -> None:
+    found = Trajectory(line()).between(2.5, "2024-05-01T08:00:06.5Z")
+    assert isinstance(found, Movement)
+    assert (found.start, found.stop) == (
+        np.datetime64("2024-05-01T08:00:02.500000000"),
+        np.datetime64("2024-05-01T08:00:06.500000000"),
+    )
+    assert (found.duration, found.distance, found.delta_v) == pytest.approx((4.0, 20.0, 0.0), rel=8.0 * EPS)
+    np.testing.assert_allclose(found.displacement, [12.0, 16.0, 0.0], rtol=8.0 * EPS)
+    # The yaw rises from 3.25, past pi, to 3.65; heading is clockwise.
+    assert found.heading_change == pytest.approx(-0.4, rel=64.0 * EPS)
+
+
+def test_a_movement_backwards_in_time_is_the_opposite() -> None:
+    there, back = Trajectory(line()).between(2.0, 6.0), Trajectory(line()).between(6.0, 2.0)
+    assert back.duration == -there.duration
+    np.testing.assert_array_equal(back.displacement, -there.displacement)
+    assert (back.distance, back.heading_change) == (there.distance, -there.heading_change)
+
+
+def test_a_change_of_speed_has_a_length() -> None:
+    t_s = np.arange(11.0)
+    vel = t_s[:, None] * [0.3, 0.4, 0.0]
+    found = Trajectory(trajectory(0.5 * t_s[:, None] * vel, vel, np.zeros(11))).between(1.0, 5.0)
+    np.testing.assert_allclose(found.velocity_change, [1.2, 1.6, 0.0], rtol=16.0 * EPS)
+    assert found.delta_v == pytest.approx(2.0, rel=16.0 * EPS)
+
+
+def test_without_knots_the_sigmas_of_a_movement_are_not_known() -> None:
+    found = Trajectory(line()).between(2.0, 6.0)
+    assert np.isnan([found.distance_sigma, found.delta_v_sigma, found.heading_sigma]).all()
+    assert np.isnan([found.displacement_covariance, found.velocity_covariance]).all()
+
+
+def test_what_two_times_err_in_common_is_no_error_of_the_movement() -> None:
+    shared = np.zeros((3, SIZE, 3))
+    shared[:, POSITION] = 5.0 * np.eye(3)
+    found = Trajectory(line(), knots(shared)).between(1.0, 9.0)
+    # Differences of variances of 25 m^2, rounded.
+    limit = 5.0 * np.sqrt(8.0 * EPS)
+    assert (found.distance_sigma, found.delta_v_sigma, found.heading_sigma) == pytest.approx((0.0, 0.0, 0.0), abs=limit)
+
+
+def test_sigmas_of_a_movement_are_those_along_it() -> None:
+    shared = np.zeros((3, SIZE, 3))
+    shared[:, POSITION.start, 0] = [0.0, 1.0, 2.0]  # east, 0.2 m/s
+    shared[:, POSITION.start + 1, 1] = [0.0, 0.5, 1.0]  # north, 0.1 m/s
+    shared[:, VELOCITY.start, 0], shared[:, VELOCITY.start + 1, 1] = 0.2, 0.1
+    shared[:, 8, 2] = [0.0, 0.01, 0.02]
+    found = Trajectory(line(), knots(shared)).between(2.5, 6.5)
+    # Four seconds; the numbers of a stream are of single precision.
+    single = 8.0 * float(np.finfo(np.float32).eps)
+    np.testing.assert_allclose(found.displacement_covariance, np.diag([0.64, 0.16, 0.0]), rtol=single, atol=1e-7)
+    assert found.distance_sigma == pytest.approx(np.hypot(0.6 * 0.8, 0.8 * 0.4), rel=single)
+    assert found.heading_sigma == pytest.approx(0.008, rel=single)
+    # The velocity errs by the same all the time.
+    np.testing.assert_allclose(found.velocity_covariance, 0.0, rtol=0.0, atol=1e-12)
+
+
+def test_knots_of_another_trajectory_tell_nothing() -> None:
+    other = replace(knots(np.zeros((3, SIZE, 3))), pos=np.full((3, 3), 1.0))
+    assert np.isnan(Trajectory(line(), other).between(2.0, 6.0).distance_sigma)
+
+
+def test_a_movement_of_no_length_has_the_sigma_of_all_directions() -> None:
+    shared = np.zeros((3, SIZE, 3))
+    shared[:, POSITION.start, 0], shared[:, POSITION.start + 2, 1] = [0.0, 3.0, 6.0], [0.0, 4.0, 8.0]
+    resting = trajectory(np.zeros((11, 3)), np.zeros((11, 3)), np.zeros(11))
+    found = Trajectory(resting, knots(shared)).between(0.0, 10.0)
+    assert (found.distance, found.distance_sigma) == pytest.approx((0.0, 10.0))
+
+
+def test_a_movement_outside_is_refused() -> None:
+    with pytest.raises(DataError, match="outside"):
+        Trajectory(line()).between(1.0, 11.0)
 
 
 def test_deviation_is_zero_from_itself() -> None:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from recon.errors import DataError
 from recon.numerics.rotation import from_euler
 from recon.rows import Event, events
-from recon.schema import ATTITUDE, IMU, TRAJECTORY
+from recon.schema import ATTITUDE, IMU, KNOTS, TRAJECTORY
 from recon.tables import build
 from recon_exporters import csv as module
 from recon_exporters.csv import CsvParams
@@ -118,6 +118,13 @@ def test_every_stream_is_written_unless_some_are_chosen(tmp_path: Path) -> None:
     streams = {"imu": imu(1), "imu_2": imu(1), "events": events([])}
     assert [path.name for path in export(tmp_path, streams)] == ["imu.csv", "imu_2.csv", "events.csv"]
     assert [path.name for path in export(tmp_path, streams, streams=["imu_2"])] == ["imu_2.csv"]
+
+
+def test_columns_of_lists_are_left_out(tmp_path: Path) -> None:
+    table = build(KNOTS, time=np.array([START_NS]), chain=pa.array([[1.0, 2.0]]), accel_noise=np.array([0.25]))
+    (row,) = rows_of(export(tmp_path, {"knots": table})[0])
+    assert row["accel_noise [m/s^1.5]"] == "0.25"
+    assert not {"root", "chain", "shared"} & set(row)
 
 
 def test_a_stream_without_rows_is_a_header(tmp_path: Path) -> None:

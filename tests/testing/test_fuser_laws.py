@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from broken_laws import broken
 
-from recon import GNSS, SAME, TRAJECTORY, Fuser, matrix, replace, time_ns
+from recon import GNSS, KNOTS, SAME, TRAJECTORY, Fuser, build, matrix, replace, time_ns
+from recon.knots import SIZE as UNKNOWNS
+from recon.knots import Knots
 from recon.numerics.rotation import from_rotvec, multiply
 from recon.testing.laws import fusers
 
@@ -106,6 +108,62 @@ def test_the_sigma_of_the_attitude_is_held_to_honesty_as_well(att_sigma, laws):
         writes={"trajectory": SAME},
     )
     assert [*broken(fusers, shaking)] == laws
+
+
+def knotted(factor=1.0, step=-1e-3, spoil=None):
+    """A fuser that writes knots, `factor` times as unsure as its trajectory; `step` is that of their chain."""
+
+    def fuse(*, trajectory, params):
+        time = time_ns(trajectory)[::200]
+        sizes = np.array([0.5, 0.6, 1.2, 0.03, 0.04, 0.05, 0.02, 0.02, 0.01])  # alike about both level axes
+        root = np.broadcast_to(factor * np.diag(sizes), (len(time), UNKNOWNS, UNKNOWNS)) + 0.0
+        chain = np.broadcast_to(step * np.eye(UNKNOWNS), (len(time) - 1, UNKNOWNS, UNKNOWNS)) + 0.0
+        nothing = np.zeros((len(time), UNKNOWNS, 1))
+        known = Knots(time, root, chain, nothing, np.zeros(len(time)), np.zeros(len(time)))
+        table = build(KNOTS, time=time, **known.columns())
+        std = {
+            f"{group}_std": np.tile(sizes[3 * n : 3 * n + 3], (trajectory.num_rows, 1))
+            for n, group in enumerate(("pos", "vel", "att"))
+        }
+        return {"trajectory": replace(trajectory, **std), "knots": table if spoil is None else spoil(table)}
+
+    return Fuser(
+        name="knots",
+        summary="Sigmas and covariances.",
+        run=fuse,
+        reads={"trajectory": TRAJECTORY.need("pos", "vel", "q")},
+        writes={"trajectory": SAME, "knots": KNOTS},
+    )
+
+
+LAW_OF_KNOTS = "covariances_of_knots_are_those_of_the_trajectory"
+
+
+def test_knots_with_the_sigmas_of_the_trajectory_keep_their_law():
+    assert LAW_OF_KNOTS not in broken(fusers, knotted())
+
+
+def test_a_fuser_without_knots_has_no_law_of_knots():
+    assert not fusers.covariances_of_knots_are_those_of_the_trajectory.applies(fuser_of())
+
+
+def test_knots_with_other_sigmas_than_the_trajectory_break_their_law():
+    assert broken(fusers, knotted(factor=1.01))[LAW_OF_KNOTS] == (
+        "at knot 0 the covariance says 0.505 where pos_std_e of the trajectory is 0.5"
+    )
+
+
+def test_errors_that_have_more_in_common_than_they_are_break_the_law_of_knots():
+    # A correlation of 1.001 has the eigenvalue 1 - 1.001; over 32 knots it is 1.001^32 = 1.033.
+    assert broken(fusers, knotted(step=1e-3))[LAW_OF_KNOTS] == (
+        "errors at the knots 0 and 32 have no such covariance: in units of their sigmas its least eigenvalue is -0.0325"
+    )
+
+
+def test_knots_that_cannot_be_read_break_their_law():
+    assert broken(fusers, knotted(spoil=lambda table: table.slice(0, 1)))[LAW_OF_KNOTS] == (
+        "the stream 'knots' has 1 rows; there is no change to tell of"
+    )
 
 
 def test_a_zero_sigma_is_neither_positive_nor_honest():

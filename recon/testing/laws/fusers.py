@@ -37,9 +37,9 @@ fuser tells apart; a forgotten axis is off by many sigmas.
 """
 SEEDS: Final = range(1, 11)
 HONEST: Final = (0.0025, 4.13)
-"""Bounds of the mean square of error over sigma. Above, the 1 - 1e-5 quantile of chi^2 with a degree of freedom for each
-seed, divided by their number, as if the error of a drive were one number. Below, sigmas twenty times too large: a fuser
-may doubt what these drives are free of, such as errors of fixes that stay for minutes and soft springs.
+"""Bounds of the mean square of error over sigma. Above, the 1 - 1e-5 quantile of chi^2 with a degree of freedom for
+each seed, divided by their number, as if the error of a drive were one number. Below, sigmas twenty times too large: a
+fuser may doubt what these drives are free of, such as errors of fixes that stay for minutes and soft springs.
 """
 
 NOT_TRIED: Final = ("att_roll",)
