@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.preintegration import Increments
-from recon.numerics.smoothing.samples import Samples
+from recon.numerics.smoothing.samples import LONG_GAP_S, Samples
 from recon.numerics.smoothing.soa import (
     Floats,
     cross,
@@ -71,9 +71,13 @@ class Epochs:
 def place_epochs(samples: Samples, blocks: Blocks, fix_t_s: Floats) -> Epochs:
     """An epoch at each fix between the first knot and the last, and each second where there is none.
 
+    In gaps of more than 10 s there is none, for the state between their knots is not known.
+
     fix_t_s : (m,) s, rising
     """
     knots = samples.knot_times
+    silent_interval = samples.filled.reshape(-1, samples.per_interval).all(axis=1)
+    silence = np.asarray(silent_interval & (np.diff(knots) > LONG_GAP_S))
     inside = np.flatnonzero((fix_t_s > knots[0]) & (fix_t_s < knots[-1]))
     ends = np.concatenate([knots[:1], fix_t_s[inside], knots[-1:]])
     silent = np.flatnonzero(np.diff(ends) > 1.5 * EPOCH_S)
@@ -83,6 +87,8 @@ def place_epochs(samples: Samples, blocks: Blocks, fix_t_s: Floats) -> Epochs:
     order = np.argsort(t_s, kind="stable")
     t_s, fix = t_s[order], fix[order]
     interval = np.clip(np.searchsorted(knots, t_s, side="right") - 1, 0, samples.intervals - 1)
+    heard = ~silence[interval]
+    t_s, fix, interval = t_s[heard], fix[heard], interval[heard]
     slot = np.arange(len(t_s)) - np.searchsorted(interval, interval)
     slots = int(slot.max()) + 1
     place = interval * slots + slot

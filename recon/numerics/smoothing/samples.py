@@ -1,12 +1,14 @@
 """The samples of a log on a grid of intervals: every interval has the same number of steps, so intervals are a reshape.
 
 Steps keep the times of the log, jitter and drifting rates included. Only what a reshape cannot carry is changed: gaps
-are bridged by further samples, and the last interval is padded with steps of no length.
+are bridged by further samples, and the last interval is padded with steps of no length. A gap of more than an interval
+gets an interval of its own, the one before it padded, lest what is not known of the gap is spread over what was logged.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,7 @@ _LEAST_FILL = 0.1
 class Samples:
     """The samples of a drive, n = K m steps in K intervals of m; every m-th sample is a knot.
 
-    t_s : (n+1,) s, not decreasing; equal only at the padded end
+    t_s : (n+1,) s, not decreasing; equal only where padded
     gyro_s : (n+1, 3) rad/s, sensor
     accel_s : (n+1, 3) m/s^2, sensor, specific force
     filled : (n,), steps that bridge a gap of the log
@@ -58,9 +60,10 @@ class Samples:
 def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float = 2.0) -> Samples:
     """The log in intervals of about `knot_s`, gaps bridged.
 
-    A gap is bridged by samples at the nominal rate, at longer steps where it would take more than an interval of them:
-    interpolated, or in a gap of more than 10 s at rest on the mean specific force of both ends. The last interval is
-    padded by repeating the last sample at its time; a rest of less than a tenth of an interval is dropped instead.
+    A gap is bridged by samples at the nominal rate, interpolated. One longer than an interval is bridged by an interval
+    of longer steps, in more than 10 s at rest on the mean specific force of both ends. The last interval before it and
+    that of the log are padded by repeating the last sample at its time; a rest of less than a tenth of an interval is
+    dropped instead.
 
     t_s : (N,) s, strictly increasing
     gyro_s : (N, 3) rad/s, sensor
@@ -75,12 +78,13 @@ def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float 
     nominal = float(np.median(step))
     m = _steps_per_interval(1.0 / nominal, knot_s)
     log = Samples(t_s, gyro_s, accel_s, np.zeros(len(step), bool), np.arange(len(t_s)), m)
-    bridged = _bridged(log, nominal)
-    whole, rest = divmod(len(bridged.filled), m)
-    intervals = whole + (rest >= _LEAST_FILL * m)
-    if intervals < 2:
+    cuts = np.flatnonzero(step > max(m * nominal, GAP_S)) + 1
+    pieces = [_cut(log, first, stop) for first, stop in zip([0, *cuts], [*cuts, len(t_s)], strict=True)]
+    whole = [_whole_intervals(_bridged(piece, nominal)) for piece in pieces]
+    joined = _joined([piece for piece in whole if piece.intervals])
+    if joined is None or joined.intervals < 2:
         raise ValueError(f"{t_s[-1] - t_s[0]:.3g} s of samples are too short: two intervals of {m} steps are needed")
-    return _resized(bridged, intervals * m)
+    return joined
 
 
 def _steps_per_interval(rate_hz: float, knot_s: float) -> int:
@@ -89,25 +93,31 @@ def _steps_per_interval(rate_hz: float, knot_s: float) -> int:
     return max(unit * round(knot_s * rate_hz / unit), unit, _FEWEST_STEPS)
 
 
+def _cut(samples: Samples, first: int, stop: int) -> Samples:
+    """Some rows, one behind the other."""
+    rows, steps = slice(first, stop), slice(first, stop - 1)
+    return Samples(
+        samples.t_s[rows], samples.gyro_s[rows], samples.accel_s[rows], samples.filled[steps], samples.row[rows],
+        samples.per_interval,
+    )  # fmt: skip
+
+
 def _bridged(samples: Samples, nominal_s: float) -> Samples:
-    """Gaps filled with samples at the nominal step, at most one interval in each."""
+    """Gaps within an interval filled with samples at the nominal step."""
     t_s, gyro_s, accel_s = samples.t_s, samples.gyro_s, samples.accel_s
     step = np.diff(t_s)
     gaps = np.flatnonzero(step > max(GAP_S, GAP_STEPS * nominal_s))
     if not len(gaps):
         return samples
-    steps = np.minimum(np.rint(step[gaps] / nominal_s).astype(int), samples.per_interval)
+    steps = np.rint(step[gaps] / nominal_s).astype(int)
     before = np.repeat(gaps, steps - 1)
     first = np.repeat(np.cumsum(steps - 1) - steps, steps - 1)
     part = (np.arange(len(before)) - first) / np.repeat(steps, steps - 1)
-    long = (step[before] > LONG_GAP_S)[:, None]
-    rate = np.where(long, 0.0, _between(gyro_s, before, part[:, None]))
-    force = _between(accel_s, before, np.where(long, 0.5, part[:, None]))
     row = np.insert(samples.row, before + 1, -1)
     return Samples(
         t_s=np.insert(t_s, before + 1, _between(t_s, before, part)),
-        gyro_s=np.insert(gyro_s, before + 1, rate, axis=0),
-        accel_s=np.insert(accel_s, before + 1, force, axis=0),
+        gyro_s=np.insert(gyro_s, before + 1, _between(gyro_s, before, part[:, None]), axis=0),
+        accel_s=np.insert(accel_s, before + 1, _between(accel_s, before, part[:, None]), axis=0),
         filled=(row[:-1] < 0) | (row[1:] < 0),
         row=row,
         per_interval=samples.per_interval,
@@ -118,8 +128,11 @@ def _between(x: Floats, before: NDArray[np.int64], part: Floats) -> Floats:
     return np.asarray(x[before] + part * (x[before + 1] - x[before]))
 
 
-def _resized(samples: Samples, steps: int) -> Samples:
-    """Cut after so many steps, or padded to them with steps of no length."""
+def _whole_intervals(samples: Samples) -> Samples:
+    """The last interval padded with steps of no length, or dropped where hardly a step is in it."""
+    m = samples.per_interval
+    whole, rest = divmod(len(samples.filled), m)
+    steps = m * (whole + (rest >= _LEAST_FILL * m))
     pad = max(steps - len(samples.filled), 0)
 
     def fit(x: Floats) -> Floats:
@@ -131,5 +144,41 @@ def _resized(samples: Samples, steps: int) -> Samples:
         accel_s=fit(samples.accel_s),
         filled=np.pad(samples.filled[:steps], (0, pad)),
         row=np.pad(samples.row[: steps + 1], (0, pad), constant_values=-1),
-        per_interval=samples.per_interval,
+        per_interval=m,
+    )
+
+
+def _joined(pieces: list[Samples]) -> Samples | None:
+    """Whole intervals with one more between each two of them; None of none."""
+    if len(pieces) < 2:
+        return pieces[0] if pieces else None
+    bridges = [_bridge(one, other) for one, other in pairwise(pieces)]
+    parts = [pieces[0], *chain.from_iterable(zip(bridges, pieces[1:], strict=True))]
+    return Samples(
+        t_s=np.concatenate([part.t_s for part in parts]),
+        gyro_s=np.concatenate([part.gyro_s for part in parts]),
+        accel_s=np.concatenate([part.accel_s for part in parts]),
+        filled=np.concatenate([part.filled for part in parts]),
+        row=np.concatenate([part.row for part in parts]),
+        per_interval=pieces[0].per_interval,
+    )
+
+
+def _bridge(one: Samples, other: Samples) -> Samples:
+    """The samples between two pieces; its steps are those to and from these, too."""
+    m = one.per_interval
+    part = np.arange(1, m) / m
+    length = float(other.t_s[0] - one.t_s[-1])
+    long = length > LONG_GAP_S
+
+    def line(a: Floats, b: Floats, share: Floats) -> Floats:
+        return np.asarray(a + share[:, None] * (b - a))
+
+    return Samples(
+        t_s=one.t_s[-1] + part * length,
+        gyro_s=np.zeros((m - 1, 3)) if long else line(one.gyro_s[-1], other.gyro_s[0], part),
+        accel_s=line(one.accel_s[-1], other.accel_s[0], np.full(m - 1, 0.5) if long else part),
+        filled=np.ones(m, bool),
+        row=np.full(m - 1, -1),
+        per_interval=m,
     )

@@ -64,7 +64,7 @@ from recon.numerics.smoothing.state import (
     WHEEL,
     State,
 )
-from recon.numerics.smoothing.stops import block_means, still_blocks, still_noise, still_spans
+from recon.numerics.smoothing.stops import SLOW, block_means, still_blocks, still_noise, still_spans
 
 Loss = Literal["cauchy", "tls"]
 
@@ -91,6 +91,8 @@ _GAP_S: Final = 3.0
 """s without a fix, beyond which the velocity between is not known beforehand."""
 _DIFFERENCE_S: Final = 3.9
 """s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
+_STANDING_WHEELS: Final = 0.1
+"""m/s; while GNSS says that it moves, such wheels only say that something carries the vehicle."""
 _GAP_RATE: Final = 0.3
 _GAP_FORCE: Final = 2.0
 """rad/s and m/s^2, what may have happened where the IMU is silent."""
@@ -220,7 +222,7 @@ class Smoother:
         self.drive, self.model = drive, model
         samples = drive.samples
         self.blocks = block_means(samples, max(1, round(0.1 * samples.per_interval / _typical(samples))))
-        motion = fix_motion(drive.fixes)
+        self.motion = motion = fix_motion(drive.fixes)
         late = find_lag(self.blocks, *motion) if model.lag > 0.0 else UNKNOWN
         self.moved_lag = -late.seconds if abs(late.seconds) > max(_STALE_LAG, 3.0 * late.sigma) else 0.0
         self.first_lag = self.moved_lag
@@ -253,9 +255,11 @@ class Smoother:
         t_s = self.epochs.t_s
         step = np.clip(np.searchsorted(samples.t_s, t_s, side="right") - 1, 0, len(samples.filled) - 1)
         quiet = still_spans(self.blocks, self.still, t_s - 0.1, t_s + 0.1)
-        speed = (
-            np.interp(t_s, drive.wheel_t_s, drive.wheel_speed) if len(drive.wheel_t_s) else np.full(len(t_s), np.nan)
-        )
+        speed = np.full(len(t_s), np.nan)
+        if len(drive.wheel_t_s):
+            speed = np.interp(t_s, drive.wheel_t_s, drive.wheel_speed)
+            carried = (np.abs(speed) < _STANDING_WHEELS) & (np.interp(t_s, *self.motion[:2]) > SLOW)
+            speed[carried] = np.nan
         self.body = BodyModel(
             sigma=self.model.across,
             slip=self.model.slip_growth,

@@ -7,7 +7,8 @@ slow.
 
 The limits come from the drive itself: twice what is usual in windows with slow fixes, and never more than what a body
 on wheels exceeds as soon as it rolls. In an outage of GNSS the IMU decides alone, but only where it has proved that it
-can: where windows with fast fixes are practically never quiet. On a smooth ship or train they are. Without any speed
+can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of the
+quiet windows have fixes that creep, as in a soft car in a queue they have. Without any speed
 standing and moving must be told apart by more: few windows may be nearly quiet, and motion must vibrate.
 
 References
@@ -52,6 +53,8 @@ PROOF_S: Final = 20.0
 """s of certain motion from which it is learnt whether the IMU may decide alone."""
 MISTAKEN: Final = 0.005
 """Share of windows in motion that may look quiet where the IMU decides alone."""
+CREEPING: Final = 0.15
+"""Of quiet windows, by those with slow fixes: how many may have fixes that creep. Outliers alone make 0.1 at most."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,12 @@ def _limits(windows: _Windows) -> Limits | None:
     if 2.0 * usual > HIGHEST_LIMIT:
         return None  # at its slowest it creeps
     moving = windows.measured & _throughout(windows.speed > MOVING, 2 * windows.half)
-    proved = moving.sum() * FEWEST > PROOF_S * windows.fewest and (quiet & moving).sum() <= MISTAKEN * moving.sum()
+    creeping = windows.measured & _throughout(windows.speed > HIGHEST_LIMIT, windows.half)
+    proved = (
+        moving.sum() * FEWEST > PROOF_S * windows.fewest
+        and (quiet & moving).sum() <= MISTAKEN * moving.sum()
+        and (quiet & creeping).sum() <= CREEPING * (quiet & slow).sum()
+    )
     return Limits(gyro, accel, float(np.clip(4.0 * usual, SLOWEST_LIMIT, HIGHEST_LIMIT)), bool(proved))
 
 

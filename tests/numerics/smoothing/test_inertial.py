@@ -55,6 +55,9 @@ def test_the_truth_of_a_quiet_drive_leaves_no_residual():
     assert np.linalg.norm(residual[:, 0:3], axis=1).max() < turn
     assert np.linalg.norm(residual[:, 3:6], axis=1).max() < vel
     assert np.linalg.norm(residual[:, 6:9], axis=1).max() < vel * length
+    # At rest, in the first interval, nothing is left but the square of the Earth's turn, w T, in front of f T^2 / 2,
+    # and the bend of the plumb line 500 m above the ellipsoid, 4e-6 m/s^2, which the simulated gravity does not have.
+    assert np.abs(residual[0]).max() < (7.3e-5 * length) ** 2 * 5.0 * length**2 + 8.1e-9 * 500.0 * length
 
 
 @pytest.mark.parametrize("off", [0.0, 1.0], ids=["at the truth", "off"])

@@ -36,6 +36,7 @@ class Rows:
         assert_allclose(matrix, jacobian.T @ jacobian, atol=ROUNDING)
         assert_allclose(right, -jacobian.T @ residual, atol=ROUNDING)
         assert_allclose(normal.cost, residual @ residual, rtol=ROUNDING)
+        assert_allclose(normal.corner, normal.corner.T, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("knots", [2, 7], ids=["one interval", "few"])
