@@ -46,6 +46,8 @@ _LOW, _LOW_IF_HELD = 1.0, 2.0
 """m/s below which a course is not believed."""
 _SLOW_SHARE, _WHITE_SHARE = 0.9, 0.4
 """Of a reported sigma: what changes slowly, and what is white."""
+_FELT: Final = (5.0, 15.0)
+"""m/s^2 between which the usual specific force of a vehicle lies, whatever the sensor's scale and bias."""
 _LEAST = (0.003, 0.01)
 """m and m/s; a sigma below is not believed."""
 
@@ -92,12 +94,14 @@ class Observed:
 def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Observed:
     """The measurements of a gnss stream. start_ns : time zero; reported : believe the receiver's own sigmas.
 
-    raises : NotEnoughData where no row holds a position or a speed
+    raises : NotEnoughData where no row holds a position or a speed, DataError where a latitude is none
     """
     row = _new_rows(gnss, start_ns)
     t_s = seconds(gnss, since=start_ns)[row]
     place = np.array([_column(gnss, name, row) for name in ("lat", "lon", "height")])
     known = np.isfinite(place[:2]).all(axis=0)
+    if (np.abs(place[0, known]) > 90.0).any():
+        raise DataError("latitudes beyond 90 deg", "are lat and lon swapped, or not in degrees?")
     anchor = _own_anchor(gnss) or _first_place(place, known)
     level = np.isfinite(place[2])
     lat, lon = (np.where(known, value, origin) for value, origin in zip(place, (anchor.lat, anchor.lon), strict=False))
@@ -123,12 +127,19 @@ def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Obse
 def drive_of(imu: pa.Table, wheel: pa.Table | None, observed: Observed, start_ns: int) -> Drive:
     """A drive for the smoother. start_ns : time zero, that of the first row of imu.
 
-    raises : DataError where imu is too short, NotEnoughData where hardly a fix lies in its time
+    raises : DataError where imu is too short or feels no gravity, NotEnoughData where hardly a fix lies in its time
     """
+    accel = matrix(imu, "accel")
     try:
-        samples = regular_samples(seconds(imu), matrix(imu, "gyro"), matrix(imu, "accel"))
+        samples = regular_samples(seconds(imu), matrix(imu, "gyro"), accel)
     except ValueError as error:
         raise DataError(f"the imu's record is too short: {error}", "give the whole drive") from error
+    force = float(np.median(np.sqrt((accel**2).sum(axis=1))))
+    if not _FELT[0] < force < _FELT[1]:
+        raise DataError(
+            f"the accelerometer feels {force:.2g} m/s^2 on average, where gravity is 9.8",
+            "is its unit g, or has gravity been taken off?",
+        )
     inside = (observed.fixes.t_s >= 0.0) & (observed.fixes.t_s <= samples.t_s[-1])
     if inside.sum() < 3:
         raise NotEnoughData(

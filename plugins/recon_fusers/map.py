@@ -39,33 +39,22 @@ from recon import (
     WHEEL,
     Array,
     Fuser,
-    Metric,
     Params,
     Streams,
     events,
-    has,
     hookimpl,
     matrix,
     metrics,
     quantity,
     setting,
     time_ns,
-    vector,
-    warning,
 )
-from recon.agreement import agreement, as_metrics
 from recon.numerics.rotation import from_euler
 from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
     from recon.driving import Observed
-    from recon.numerics.smoothing import Estimate, Model, Noise
-
-_REJECTED = 0.2
-"""Share of fixes put aside, beyond which the rest is not to be trusted either."""
-_LARGE_RESIDUAL = 2.0
-"""Root mean square of accepted residuals in sigmas."""
-_UNSURE_HEADING = np.radians(5.0)
+    from recon.numerics.smoothing import Model, Noise
 
 
 class MapParams(Params):
@@ -128,6 +117,7 @@ def fuse_map(
     """
     from recon.driving import drive_of, observe, solve
     from recon_fusers import _map_tables as tables  # slow import: only when used
+    from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
 
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
@@ -135,7 +125,7 @@ def fuse_map(
     drive = drive_of(imu, wheel, observed, start_ns)
     found = solve(drive, _model(params, attitude), _noise(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
-    learnt = [*tables.estimates(found, observed), *_doubts(found, observed, trajectory, gnss)]
+    learnt = [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
     return {
         "trajectory": trajectory,
         "knots": knots(found, imu, trajectory),
@@ -209,39 +199,6 @@ def _noise(params: MapParams, observed: Observed) -> Noise:
         position=np.ones(3),
         velocity=np.ones(3),
     )
-
-
-def _doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:
-    """What the result shows of itself that a user must know."""
-    solved = found.solved
-    notes = []
-    if not solved.converged:
-        notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it")
-    used = solved.epochs.fix >= 0
-    for name, sigma, weight, residual in (
-        ("positions", observed.fixes.pos_sigma, solved.pos_weight, solved.pos_residual),
-        ("velocities", observed.fixes.vel_sigma, solved.vel_weight, solved.vel_residual),
-    ):
-        finite = np.isfinite(sigma[:, solved.epochs.fix]) & used
-        seen = finite.any(axis=0)
-        if not seen.any():
-            continue
-        share = float((weight[seen] < 0.5).mean())
-        if share > _REJECTED:
-            notes.append(f"{share:.0%} of the GNSS {name} do not fit the IMU and were put aside: check units and clocks")
-        good = finite & (weight > 0.5)
-        size = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else 0.0
-        if size > _LARGE_RESIDUAL:
-            notes.append(f"GNSS {name} miss the trajectory by {size:.1f} of their sigmas: the sigmas are too small")
-    heading = float(np.sqrt(np.median(np.square(vector(trajectory, "att_std_yaw")))))
-    if heading > _UNSURE_HEADING:
-        notes.append(f"the heading is only known to {np.degrees(heading):.0f} deg: there is hardly any motion to tell it")
-    speed = np.hypot(vector(trajectory, "vel_e"), vector(trajectory, "vel_n"))
-    compared = []
-    if has(gnss, "speed"):
-        apart = agreement(time_ns(trajectory), speed, time_ns(gnss), vector(gnss, "speed", gaps=True))
-        compared = as_metrics(apart, "the speed of the trajectory", "gnss speed")
-    return [*map(warning, notes), *compared]
 
 
 @hookimpl

@@ -27,6 +27,8 @@ NOISE_FROM_S: Final = 1200.0
 """s of the drive from which the noise is estimated: more does not tell it better than the priors do."""
 
 _MOST_ROUNDS: Final = 4
+_MOST_REJECTED: Final = 0.15
+"""Share of the fixes."""
 _GROWN_FIXES, _GROWN_IMU = 1.2, 2.0
 """Growth of a size of noise after which it is estimated again."""
 
@@ -53,7 +55,7 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     state = start_state(smoother)
     if learn_noise:
         noise, state = _learnt(smoother, state, noise)
-    solved = smoother.solve(state, noise, "tls")
+    solved = _without_outliers(smoother, state, noise)
     if model.mounting is None and flip_needed(forward_speed(solved.state)):
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.mounting = turned @ smoother.mounting
@@ -65,6 +67,17 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     cross = np.zeros((solved.state.knots, KNOT_SIZE, COMMON_SIZE))
     cross[..., free] = global_covariances(inverse)
     return Estimate(smoother, solved, inverse, marginals(inverse), common, cross)
+
+
+def _without_outliers(smoother: Smoother, start: State, noise: Noise) -> Solved:
+    """Truncated least squares from a fair start; where that puts much aside, or fails, from Cauchy's solution."""
+    try:
+        solved = smoother.solve(start, noise, "tls")
+        if solved.converged and solved.rejected < _MOST_REJECTED:
+            return solved
+    except np.linalg.LinAlgError:
+        pass
+    return smoother.solve(smoother.solve(start, noise, "cauchy").state, noise, "tls")
 
 
 def forward_speed(state: State) -> Floats:

@@ -44,6 +44,10 @@ _REACH: Final = 2.5
 """Bound of the logarithms."""
 _STILL_FACTOR: Final = 1.5
 """The moving car is at least so much noisier than the standing one."""
+_KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
+"""Mean square of what is left of normal residuals of 0 to 3 components where those whose squares sum up to more than 9
+are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
+"""
 _STEPS: Final = 8
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
@@ -91,9 +95,8 @@ class Likelihood:
         p = np.isfinite(sigma_p[:, epochs.fix]) & fixed & inlier_p
         v = np.isfinite(sigma_v[:, epochs.fix]) & fixed & inlier_v & ~smoother.drive.fixes.small_only[epochs.fix]
         share = smoother.drive.fixes.share[epochs.fix]
-        self.counts = np.array(
-            [(p[:2] * share).sum(), (p[2] * share).sum(), (v[:2] * share).sum(), (v[2] * share).sum()]
-        )
+        p, v = (seen * share * _KEPT[seen.sum(axis=0)] for seen in (p, v))
+        self.counts = np.array([p[:2].sum(), p[2].sum(), v[:2].sum(), v[2].sum()])
 
     def __call__(self, logs: Floats) -> tuple[float, Floats]:
         """-2 log L (up to a constant) and its gradient for logarithms (9,) of factors on the noise so far."""

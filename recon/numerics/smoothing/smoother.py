@@ -64,7 +64,7 @@ from recon.numerics.smoothing.state import (
     WHEEL,
     State,
 )
-from recon.numerics.smoothing.stops import SLOW, block_means, still_blocks, still_noise, still_spans
+from recon.numerics.smoothing.stops import MOVING, SLOW, block_means, still_blocks, still_noise, still_spans
 
 Loss = Literal["cauchy", "tls"]
 
@@ -93,6 +93,9 @@ _DIFFERENCE_S: Final = 3.9
 """s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
 _STANDING_WHEELS: Final = 0.1
 """m/s; while GNSS says that it moves, such wheels only say that something carries the vehicle."""
+_NO_HEADING: Final = 0.2
+"""rad; doubt of the first heading that noise alone exceeds, and no drive."""
+_MOVES_MUCH: Final = 0.2
 _GAP_RATE: Final = 0.3
 _GAP_FORCE: Final = 2.0
 """rad/s and m/s^2, what may have happened where the IMU is silent."""
@@ -200,6 +203,13 @@ class Solved:
     steps: int
     converged: bool
     moved_lag: float
+
+    @property
+    def rejected(self) -> float:
+        """Share of the fixes whose position or velocity is put aside."""
+        fixes = self.epochs.fix >= 0
+        aside = np.minimum(self.pos_weight, self.vel_weight)[fixes] < 0.5
+        return float(aside.mean()) if fixes.any() else 0.0
 
 
 @dataclass(frozen=True)
@@ -527,7 +537,7 @@ def start_state(smoother: Smoother) -> State:
     """Closed form: gyro bias at stops, attitude from GNSS accelerations against specific force, then the mounting.
 
     Where only speed is known, the course is that of the turns since the start, which faces north by convention.
-    Raises ValueError where nothing moves, so that no direction is forward.
+    Raises ValueError where nothing moves, so that no direction is forward and no heading is told.
     """
     drive, knots = smoother.drive, smoother.drive.samples.knot_times
     stands = int(smoother.still.sum()) > 5
@@ -541,10 +551,19 @@ def start_state(smoother: Smoother) -> State:
         state = _resting(len(knots), alignment.gyro_bias_from_drift(increments, vel_n, known, pull_n, segments))
         increments = smoother.increments(state)
     rot_ns = alignment.align(increments, vel_n, known, pull_n, segments)
+    if smoother.model.first_attitude is None and not _moves_much(smoother):
+        unsure = alignment.heading_sigma(increments, rot_ns, vel_n, known, pull_n, segments)
+        if unsure.min(initial=np.pi) > _NO_HEADING:
+            raise ValueError("speed and course do not change by more than the noise of GNSS")
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
     smoother.mounting, smoother.first_rot_ns, smoother.origin_n = rot_vs, rot_ns[..., :1], pos_n[:, 0]
     return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
+
+
+def _moves_much(smoother: Smoother) -> bool:
+    """Is it fast for a fair part of the time, so that its course is its heading even where that never changes?"""
+    return bool((smoother.motion[1] > MOVING).mean() > _MOVES_MUCH) if len(smoother.motion[1]) else False
 
 
 def _resting(knots: int, gyro_bias: Floats) -> State:
