@@ -35,7 +35,7 @@ from recon.numerics.smoothing import (
 from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import MOUNT
 from recon.rows import Metric
-from recon.tables import Array, has, matrix, meta, seconds, vector
+from recon.tables import Array, has, matrix, meta, seconds, select_rows, vector
 
 _TWO_DIMENSIONAL: Final = 2
 _FASTEST_S: Final = 0.1
@@ -122,6 +122,22 @@ def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Obse
         share=np.clip(np.gradient(t_s) / _OWN_S, 0.0, 1.0) if len(row) > 1 else np.ones(len(row)),
     )
     return Observed(fixes, row, anchor, drift, said.kind, bool(level.any()))
+
+
+def measured(imu: pa.Table) -> pa.Table:
+    """The rows of an imu that hold all six numbers; loggers of phones leave some out.
+
+    raises : DataError where half of them or more do not
+    """
+    known = np.isfinite(matrix(imu, "accel", gaps=True) + matrix(imu, "gyro", gaps=True)).all(axis=1)
+    if known.all():
+        return imu
+    if 2 * known.sum() <= len(known):
+        raise DataError(
+            f"only {int(known.sum())} of {len(known)} rows of imu hold both acceleration and turn rate",
+            "are they of two sensors with clocks of their own? put filter.resample before this step",
+        )
+    return select_rows(imu, known)
 
 
 def drive_of(imu: pa.Table, wheel: pa.Table | None, observed: Observed, start_ns: int) -> Drive:

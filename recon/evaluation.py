@@ -54,6 +54,7 @@ class Matched:
     run, reference : of the same rows; compared : the rows that could have been, those of the stream `clock`, which is
         "trajectory" or "reference", whichever has its rows further apart
     span_s : from the first to the last common row; of_s : the same of the trajectory alone
+    same_body : are the attitudes those of the same body? That of a reference may be a camera's
     notes : what one should know before he believes the figures
     """
 
@@ -63,6 +64,7 @@ class Matched:
     clock: str
     span_s: float
     of_s: float
+    same_body: bool
     notes: tuple[str, ...]
 
 
@@ -177,7 +179,11 @@ def match(trajectory: pa.Table, reference: pa.Table) -> Matched:
             f"the trajectory runs from {_span(own)}, the reference from {_span(other)}",
         )
     clock, compared = ("reference", len(other)) if other.step_ns > own.step_ns else ("trajectory", len(own))
-    return Matched(run, truth, compared, clock, _seconds(run), _seconds(own), tuple(notes))
+    body, other_body = (meta(table).get("body", "vehicle") for table in (trajectory, reference))
+    if body != other_body:
+        notes.append(f"the attitude of the reference is that of its {other_body}: a constant difference is no error")
+    seconds = _seconds(run), _seconds(own)
+    return Matched(run, truth, compared, clock, *seconds, body == other_body, tuple(notes))
 
 
 def consistency_of(found: Matched) -> dict[str, Consistency | None]:
@@ -188,6 +194,8 @@ def consistency_of(found: Matched) -> dict[str, Consistency | None]:
     wrong = errors(found.run, found.reference)
     return {
         name: consistency(getattr(wrong, error), _combined(getattr(found.run, std), getattr(found.reference, std)))
+        if found.same_body or name != "attitude"
+        else None
         for name, (error, std) in _GROUPS.items()
     }
 

@@ -73,9 +73,10 @@ def mount(*, imu: pa.Table, gnss: pa.Table, params: MountParams) -> Streams:
 
 
 def _found(imu: pa.Table, gnss: pa.Table, sensor_class: str) -> Estimate:
-    from recon.driving import Trust, drive_of, observe, solve
+    from recon.driving import Trust, drive_of, measured, observe, solve
     from recon.numerics.smoothing import Model, Noise
 
+    imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, Trust(), reported=True)
     expected = {name: typical(sensor_class, name) for name in NAMES}

@@ -115,11 +115,12 @@ def fuse_map(
     attitude : its first row is taken as the attitude of the imu's axes at that time
     raises : NotEnoughData and DataError where the log cannot tell, with what is missing
     """
-    from recon.driving import drive_of, observe, solve
+    from recon.driving import drive_of, measured, observe, solve
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
 
+    imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, _trust(params), params.reported_sigmas)
     drive = drive_of(imu, wheel, observed, start_ns)

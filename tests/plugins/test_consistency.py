@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from recon import RESIDUALS, Metric, build, matrix, replace
+from recon import RESIDUALS, Metric, build, matrix, replace, with_meta
 from recon.rows import warnings_of
 from recon.testing.drives import START_NS, drive
 from recon_analyzers.consistency import ConsistencyParams, analyze_consistency
@@ -65,11 +65,25 @@ def test_honest_residuals_lie_within_the_limits():
     assert warnings == []
 
 
-@pytest.mark.parametrize(("sigma", "wrong"), [(0.5, "too small"), (2.0, "too large")])
-def test_a_warning_tells_sigmas_that_are_wrong_and_in_which_direction(sigma, wrong):
-    (warning,) = learnt(residuals(normal(), sigma=sigma))[1]
+def test_a_warning_tells_sigmas_that_are_too_small():
+    (warning,) = learnt(residuals(normal(), sigma=0.5))[1]
     assert warning.startswith("the residuals of gnss_pos_e are ")
-    assert f"the sigmas are {wrong}" in warning
+    assert "the sigmas are too small" in warning
+
+
+def test_sigmas_that_are_too_large_are_a_metric_and_no_warning():
+    found, warnings = learnt(residuals(normal(), sigma=2.0))
+    square = found["residuals_square_gnss_pos_e"]
+    assert square.value < square.low
+    assert warnings == []
+
+
+def test_the_attitude_of_another_body_is_not_held_against_the_sigmas():
+    claim = replace(TRUTH, att_std=np.full((TRUTH.num_rows, 3), 1e-3))
+    assert learnt(trajectory=claim, reference=TRUTH)[0]["nees_attitude"].value is not None
+    found, (warning,) = learnt(trajectory=claim, reference=with_meta(TRUTH, body="camera"))
+    assert found["nees_attitude"].value is None
+    assert "that of its camera" in warning
 
 
 def test_residuals_with_a_mean_are_told():

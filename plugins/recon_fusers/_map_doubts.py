@@ -1,0 +1,94 @@
+"""What the result of fuser.map shows of itself that a user must know before he trusts it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon import Array, Metric, has, time_ns, vector, warning
+from recon.agreement import agreement, as_metrics
+from recon.driving import Observed
+from recon.numerics.smoothing import Estimate
+
+_REJECTED: Final = 0.2
+"""Share of fixes put aside, beyond which the rest is not to be trusted either."""
+_LARGE_RESIDUAL: Final = 2.0
+"""Root mean square of accepted residuals in sigmas."""
+_LARGE_DRIFT: Final = (20.0, 5.0)
+"""m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
+_UNSURE_HEADING: Final = np.radians(5.0)
+_REVERSING: Final = 7.0
+"""m/s; whoever drives faster drives forward."""
+
+
+def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:
+    """Warnings, and how the speed of the trajectory compares with that of the receiver. An honest result has none."""
+    solved, fixes = found.solved, observed.fixes
+    notes = []
+    if not solved.converged:
+        notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it")
+    notes += _misfit("positions", fixes.pos_sigma, solved.pos_weight, solved.pos_residual, found)
+    notes += _misfit("velocities", fixes.vel_sigma, solved.vel_weight, solved.vel_residual, found)
+    drift, expected = float(solved.noise.drift[0]), float(observed.drift[0])
+    if drift > max(_LARGE_DRIFT[0], _LARGE_DRIFT[1] * expected):
+        notes.append(
+            f"GNSS positions stray by {drift:.0f} m from where the motion leads, {expected:.1f} m were expected: "
+            "do not trust the positions; are lat and lon right?"
+        )
+    return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
+
+
+def _misfit(name: str, sigma: Array, weight: Array, residual: Array, found: Estimate) -> list[str]:
+    """Of one kind of measurement: sigma (3, m) of the fixes, weight (E,) and residual (3, E) at the epochs."""
+    epochs = found.solved.epochs
+    finite = np.isfinite(sigma[:, epochs.fix]) & (epochs.fix >= 0)
+    seen = finite.any(axis=0)
+    if not seen.any():
+        return []
+    notes = []
+    share = float((weight[seen] < 0.5).mean())
+    if share > _REJECTED:
+        notes.append(f"{share:.0%} of the GNSS {name} do not fit the IMU and were put aside: check units and clocks")
+    good = finite & (weight > 0.5)
+    size = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else 0.0
+    if size > _LARGE_RESIDUAL:
+        notes.append(f"GNSS {name} miss the trajectory by {size:.1f} of their sigmas: the sigmas are too small")
+    return notes
+
+
+def _directions(found: Estimate, trajectory: pa.Table) -> list[str]:
+    """Is the heading known, and which end of the vehicle is in front?"""
+    notes = []
+    heading = np.degrees(float(np.median(vector(trajectory, "att_std_yaw"))))
+    if heading > np.degrees(_UNSURE_HEADING):
+        known = f"only known to {heading:.0f} deg" if heading < 90.0 else "unknown"
+        notes.append(f"the heading is {known}: there is hardly any motion on wheels to tell it")
+    fastest = float(np.sqrt((found.solved.state.vel_n**2).sum(axis=0)).max())
+    if found.smoother.model.mounting is None and fastest < _REVERSING:
+        notes.append(
+            f"it moves at {fastest:.1f} m/s at most, so it may all be in reverse: which end is in front is a guess; "
+            "give the parameter mounting"
+        )
+    return notes
+
+
+def _compared(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:
+    """The speed of the trajectory and that of the receiver, but for fixes put aside where these are few."""
+    if not has(gnss, "speed"):
+        return []
+    told = np.array(vector(gnss, "speed", gaps=True))
+    aside = _put_aside(found)
+    if len(aside) <= _REJECTED * len(observed.row):
+        told[observed.row[aside]] = np.nan
+    speed = np.hypot(vector(trajectory, "vel_e"), vector(trajectory, "vel_n"))
+    apart = agreement(time_ns(trajectory), speed, time_ns(gnss), told)
+    return as_metrics(apart, "the speed of the trajectory", "gnss speed")
+
+
+def _put_aside(found: Estimate) -> NDArray[np.intp]:
+    """Fixes whose velocity is not believed."""
+    epochs = found.solved.epochs
+    return np.asarray(epochs.fix[(epochs.fix >= 0) & (found.solved.vel_weight < 0.5)])
