@@ -85,7 +85,7 @@ def test_gnss_that_tells_only_speeds_does_as_well():
 
 
 def test_a_standing_vehicle_is_not_enough():
-    with pytest.raises(NotEnoughData, match="motion to tell the mounting"):
+    with pytest.raises(DataError, match="no motion to find the heading"):
         mounted(drive(motion="rest", duration=120.0))
 
 
