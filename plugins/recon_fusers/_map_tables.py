@@ -56,7 +56,8 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
         "pos_std": deviation[:3], "vel_std": deviation[3:6], "att_std": deviation[6:],
     }  # fmt: skip
     if len(kept) < len(samples.row):
-        columns = {name: values[:, kept] for name, values in columns.items()}
+        chosen = slice(kept[0], kept[-1] + 1) if kept[-1] - kept[0] + 1 == len(kept) else kept
+        columns = {name: values[:, chosen] for name, values in columns.items()}
     placed = bool(np.isfinite(drive.fixes.pos_sigma[:2]).any())
     lat, lon, height = geodetic(columns["pos"], drive.anchor) if placed else (np.full(len(kept), np.nan),) * 3
     table = build(

@@ -94,7 +94,9 @@ def _horner(coefficients: list[Floats], k: slice, u: Floats) -> Floats:
 def between_knots(values: Floats, u: Floats, per_interval: int) -> Floats:
     """Values at the knots (c, K + 1), interpolated linearly at the samples: (c, K m + 1)."""
     intervals = values.shape[1] - 1
-    share = u.reshape(intervals, per_interval)
-    steps = np.diff(values)[:, :, None] * share
+    out = np.empty((len(values), len(u) + 1))
+    steps = out[:, :-1].reshape(len(values), intervals, per_interval)
+    np.multiply(np.diff(values)[:, :, None], u.reshape(intervals, per_interval), out=steps)
     steps += values[:, :-1, None]
-    return np.concatenate([steps.reshape(len(values), -1), values[:, -1:]], axis=1)
+    out[:, -1] = values[:, -1]
+    return out

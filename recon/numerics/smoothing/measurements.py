@@ -45,7 +45,7 @@ class Fixes:
     t_s : (m,) s, rising, stamps less what is known of the lag
     pos_n : (3, m) m, axes n, of the antenna; pos_sigma : (3, m) m, white part
     vel_rows : (3, 3, m), rows take a velocity in n to the components measured; vel : (3, m) m/s; vel_sigma : (3, m)
-    small_only : (m,) the velocity only says that it is small; its sigma is a guess, and tells nothing of the noise
+    small_only : (m,) the velocity only says that it is small; its sigma is its speed, and tells nothing of the noise
     speed_only : (m,) the first component is the speed over ground, in a direction that only the solution knows
     share : (m,) part of a fix's information that is its own, below 1 where fixes follow each other fast
     """

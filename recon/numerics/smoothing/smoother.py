@@ -76,8 +76,10 @@ _GROWTH: Final = 100.0
 """Factor by which the truncation sharpens from step to step."""
 _SHARP: Final = 30.0
 _SMALL_TURN: Final = 1e-3
-_SMALL_MOVE: Final = 0.1
-"""rad and m; steps shrink thirty- to hundredfold, so the one after these is below 0.1 mm."""
+_SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
+"""rad and m; steps shrink thirty- to hundredfold, so the one after these is below 0.1 mm. Where weights still creep along
+in an outage, noise is estimated all the same.
+"""
 _STALE: Final = (3e-3, 1.0, 0.02)
 """Change of gyro bias rad/s, accel bias m/s^2 and scale beyond which their first order no longer does: increments are
 integrated anew. That of the accelerometer is linear but for the rotation."""
@@ -98,7 +100,8 @@ _NO_HEADING: Final = 0.2
 _MOVES_MUCH: Final = 0.2
 _GAP_RATE: Final = 0.3
 _GAP_FORCE: Final = 2.0
-"""rad/s and m/s^2, what may have happened where the IMU is silent."""
+_GAP_FAR_S: Final = 2.0
+"""rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends tell."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +247,7 @@ class Smoother:
         self.length = np.diff(knots)
         gap_s = (np.diff(samples.t_s) * samples.filled).reshape(samples.intervals, -1).sum(axis=1)
         self.gap_s = gap_s
-        self.gap = gap_s**2 / self.length
+        self.gap = (gap_s * np.minimum(gap_s / _GAP_FAR_S, 1.0)) ** 2 / self.length
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
         self.normal = Normal(samples.intervals + 1)
@@ -327,7 +330,7 @@ class Smoother:
                 and sharp
                 and damping == 0.0
                 and turn < _SMALL_TURN
-                and move < _SMALL_MOVE
+                and move < _SMALL_MOVE[loss]
                 and not _stale(state, increments)
             )
             if done:
@@ -522,15 +525,17 @@ def _robust(
 def fix_motion(fixes: Fixes) -> tuple[Floats, Floats, Floats]:
     """Times s, horizontal speeds m/s and courses rad of the fixes that tell a speed: (k,) each, NaN for no course.
 
-    Where none does, those of differences of positions.
+    Where none does, those of differences of positions. Of one that only says that it is small, the sigma is its speed.
     """
     seen = np.isfinite(fixes.vel_sigma[:2]).any(axis=0)
     if not seen.any():
         t_s, vel_n = _differences(fixes.t_s, fixes.pos_n)
         return t_s, np.hypot(vel_n[0], vel_n[1]), np.arctan2(vel_n[0], vel_n[1])
     vel_n = np.einsum("jim,jm->im", fixes.vel_rows[..., seen], fixes.vel[:, seen])
-    course = np.where(fixes.speed_only[seen] | fixes.small_only[seen], np.nan, np.arctan2(vel_n[0], vel_n[1]))
-    return fixes.t_s[seen], np.hypot(vel_n[0], vel_n[1]), course
+    small = fixes.small_only[seen]
+    speed = np.where(small, fixes.vel_sigma[0, seen], np.hypot(vel_n[0], vel_n[1]))
+    course = np.where(fixes.speed_only[seen] | small, np.nan, np.arctan2(vel_n[0], vel_n[1]))
+    return fixes.t_s[seen], speed, course
 
 
 def start_state(smoother: Smoother) -> State:

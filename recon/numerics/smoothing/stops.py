@@ -7,8 +7,8 @@ slow.
 
 The limits come from the drive itself: twice what is usual in windows with slow fixes, and never more than what a body
 on wheels exceeds as soon as it rolls. In an outage of GNSS the IMU decides alone, but only where it has proved that it
-can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of the
-quiet windows have fixes that creep, as in a soft car in a queue they have. Without any speed
+can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of those
+that creep steadily in a queue, as in a soft car they are. Without any speed
 standing and moving must be told apart by more: few windows may be nearly quiet, and motion must vibrate.
 
 References
@@ -54,7 +54,11 @@ PROOF_S: Final = 20.0
 MISTAKEN: Final = 0.005
 """Share of windows in motion that may look quiet where the IMU decides alone."""
 CREEPING: Final = 0.15
-"""Of quiet windows, by those with slow fixes: how many may have fixes that creep. Outliers alone make 0.1 at most."""
+"""Of quiet windows, by those with slow fixes: how many may have fixes that creep. Outliers alone make 0.1 at most. And
+of windows that creep: how many may be quiet."""
+CREEP_S: Final = 5.0
+STEADY: Final = 1.0
+"""s of creeping at speeds within so many m/s, from which it is learnt whether a creeping vehicle is quiet."""
 
 
 @dataclass(frozen=True)
@@ -175,10 +179,13 @@ def _limits(windows: _Windows) -> Limits | None:
         return None  # at its slowest it creeps
     moving = windows.measured & _throughout(windows.speed > MOVING, 2 * windows.half)
     creeping = windows.measured & _throughout(windows.speed > HIGHEST_LIMIT, windows.half)
+    steady = creeping & (windows.speed < MOVING) & _steady(windows.speed, 4 * windows.half)
     proved = (
         moving.sum() * FEWEST > PROOF_S * windows.fewest
         and (quiet & moving).sum() <= MISTAKEN * moving.sum()
         and (quiet & creeping).sum() <= CREEPING * (quiet & slow).sum()
+        and steady.sum() * FEWEST > CREEP_S * windows.fewest
+        and (quiet & steady).sum() <= CREEPING * steady.sum()
     )
     return Limits(gyro, accel, float(np.clip(4.0 * usual, SLOWEST_LIMIT, HIGHEST_LIMIT)), bool(proved))
 
@@ -196,6 +203,13 @@ def _limits_without_speed(windows: _Windows) -> Limits | None:
     if np.median(windows.vibration[moving]) < 2.0 * np.median(windows.vibration[quiet]):
         return None
     return Limits(gyro, accel, HIGHEST_LIMIT, alone=True)
+
+
+def _steady(speed: Floats, half: int) -> Mask:
+    """(B,) the speed of fixes hardly changes up to `half` blocks away: neither braking nor pulling away."""
+    known = np.pad(np.nan_to_num(speed, nan=np.inf), half, mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(known, 2 * half + 1)
+    return np.asarray(around.max(axis=1) < around.min(axis=1) + STEADY)
 
 
 def _doubled(windows: _Windows, chosen: Mask, percent: float) -> tuple[float, float]:
