@@ -30,7 +30,7 @@ _TABLE: Final[Mapping[str, tuple[str, str, str, str]]] = {
     ),
     "accel_noise": ("150 ug/sqrt(Hz)", "100 ug/sqrt(Hz)", "50 ug/sqrt(Hz)", "30 ug/sqrt(Hz)"),
     "gyro_bias_walk": (
-        "4e-4 deg/s/sqrt(s)", "2e-4 deg/s/sqrt(s)", "5e-5 deg/s/sqrt(s)", "5e-6 deg/s/sqrt(s)"
+        "2.5e-4 deg/s/sqrt(s)", "2e-4 deg/s/sqrt(s)", "5e-5 deg/s/sqrt(s)", "5e-6 deg/s/sqrt(s)"
     ),
     "accel_bias_walk": ("30 ug/sqrt(s)", "15 ug/sqrt(s)", "5 ug/sqrt(s)", "1 ug/sqrt(s)"),
     "gyro_bias": ("1 deg/s", "0.5 deg/s", "0.2 deg/s", "0.02 deg/s"),

@@ -75,7 +75,12 @@ def _facts(imu: pa.Table, gnss: pa.Table, observed: Observed, placed: bool) -> d
     clock = {name: meta(imu).get(name) for name in _STANDARD_FACTS}
     if not placed:
         return clock
-    return {**clock, "anchor": asdict(observed.anchor), "earth": "wgs84", "height_datum": meta(gnss).get("height_datum")}
+    return {
+        **clock,
+        "anchor": asdict(observed.anchor),
+        "earth": "wgs84",
+        "height_datum": meta(gnss).get("height_datum"),
+    }
 
 
 def _thinned(t_s: Array, rate_hz: float) -> NDArray[np.intp]:
@@ -190,10 +195,21 @@ def estimates(found: Estimate, observed: Observed) -> list[Metric]:
     lever_v, rear_v = (solved.state.rot_vs @ common[part] for part in (LEVER, REAR))
     for name, value, part in (("lever_arm", lever_v, LEVER), ("rear_axle", rear_v, REAR)):
         spread = solved.state.rot_vs @ found.covariance_common[part, part] @ solved.state.rot_vs.T
-        rows += [
-            Metric(f"{name}_{axis}", float(v), "m", float(np.sqrt(max(c, 0.0))), method=how, note="vehicle, from the IMU")
-            for axis, v, c in zip("xyz", value, np.diag(spread), strict=True)
-        ] if spread.any() else []
+        rows += (
+            [
+                Metric(
+                    f"{name}_{axis}",
+                    float(v),
+                    "m",
+                    float(np.sqrt(max(c, 0.0))),
+                    method=how,
+                    note="vehicle, from the IMU",
+                )
+                for axis, v, c in zip("xyz", value, np.diag(spread), strict=True)
+            ]
+            if spread.any()
+            else []
+        )
     for name, index, unit, factor in (
         ("gnss_delay", LAG, "s", -1.0), ("gnss_velocity_delay", VELOCITY_LAG, "s", -1.0),
         ("side_slip_per_acceleration", SLIP, "s^2/m", 1.0), ("pitch_per_acceleration", PITCH, "s^2/m", 1.0),
@@ -246,11 +262,13 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
     if np.isfinite(fixes.vel_sigma).any():
         rows.append(Metric("gnss_velocity_noise_factor", float(noise.velocity[0]), "1", note="on the sigma"))
     used = solved.epochs.fix >= 0
-    for name, sigma, weight in (("position", fixes.pos_sigma, solved.pos_weight), ("velocity", fixes.vel_sigma, solved.vel_weight)):
+    for name, sigma, weight in (
+        ("position", fixes.pos_sigma, solved.pos_weight),
+        ("velocity", fixes.vel_sigma, solved.vel_weight),
+    ):
         seen = used & np.isfinite(sigma[:, solved.epochs.fix]).any(axis=0)
         if seen.any():
             rows.append(Metric(f"gnss_{name}s", float(seen.sum())))
             rows.append(Metric(f"gnss_{name}s_rejected", float((seen & (weight < 0.5)).sum())))
     rows.append(Metric("steps", float(solved.steps), note="of Gauss and Newton to convergence"))
     return rows
-

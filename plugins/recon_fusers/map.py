@@ -80,7 +80,9 @@ class MapParams(Params):
     gnss_white_horizontal: float = quantity(1.0, "m", gt=0, doc="White error of positions, where none is reported.")
     gnss_white_vertical: float = quantity(1.5, "m", gt=0, doc="White error of heights, where none is reported.")
     gnss_velocity: float = quantity(0.1, "m/s", gt=0, doc="Error of each axis and of speed, where none is reported.")
-    gnss_velocity_vertical: float = quantity(0.15, "m/s", gt=0, doc="Error of vertical velocity, where none is reported.")
+    gnss_velocity_vertical: float = quantity(
+        0.15, "m/s", gt=0, doc="Error of vertical velocity, where none is reported."
+    )
 
     mounting: tuple[float, float, float] | None = quantity(
         None, "deg", doc="Roll, pitch, yaw of the box in the vehicle (ISO 8855); none: found from the drive."

@@ -18,8 +18,9 @@ from recon.numerics.smoothing.earth import geodetic, level_rotation, positions_n
 from recon.numerics.smoothing.estimate import Estimate, estimate, sigmas
 from recon.numerics.smoothing.full_rate import Motion, between_knots, full_rate
 from recon.numerics.smoothing.measurements import Fixes
+from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.samples import Samples, regular_samples
-from recon.numerics.smoothing.smoother import Drive, Model, Noise, Smoother, Solved
+from recon.numerics.smoothing.smoother import Smoother, Solved
 
 __all__ = [
     "Drive",

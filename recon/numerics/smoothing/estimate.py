@@ -17,10 +17,12 @@ import numpy as np
 from recon.numerics.smoothing.alignment import flip_needed
 from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
 from recon.numerics.smoothing.earth import level_rotation
+from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.noise import at_least_still, likely_noise
 from recon.numerics.smoothing.samples import Samples
-from recon.numerics.smoothing.smoother import Drive, Model, Noise, Smoother, Solved, start_state
+from recon.numerics.smoothing.smoother import Smoother, Solved
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
+from recon.numerics.smoothing.start import start_state
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, MOUNT, POSITION, ROTATION, VELOCITY, State
 
 NOISE_FROM_S: Final = 1200.0

@@ -14,17 +14,13 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.numerics.geodesy import Anchor
-from recon.numerics.smoothing import alignment
 from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks
-from recon.numerics.smoothing.earth import GravityField, earth_rate_n, gravity_n
+from recon.numerics.smoothing.earth import GravityField, earth_rate_n
 from recon.numerics.smoothing.epochs import Epochs, Inside, Misclosure, locate, misclosure, place_epochs
 from recon.numerics.smoothing.inertial import add_inertial, inertial_jacobian, whitening
 from recon.numerics.smoothing.lag import UNKNOWN, find_lag
@@ -38,11 +34,13 @@ from recon.numerics.smoothing.measurements import (
     position_rows,
     velocity_rows,
 )
+from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
 from recon.numerics.smoothing.robust import cauchy_weights, tls_start, tls_weights
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
+from recon.numerics.smoothing.start import fix_motion
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
     ACCEL_SCALE,
@@ -64,7 +62,7 @@ from recon.numerics.smoothing.state import (
     WHEEL,
     State,
 )
-from recon.numerics.smoothing.stops import MOVING, SLOW, block_means, still_blocks, still_noise, still_spans
+from recon.numerics.smoothing.stops import SLOW, block_means, still_blocks, still_noise, still_spans
 
 Loss = Literal["cauchy", "tls"]
 
@@ -77,8 +75,8 @@ _GROWTH: Final = 100.0
 _SHARP: Final = 30.0
 _SMALL_TURN: Final = 1e-3
 _SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
-"""rad and m; steps shrink thirty- to hundredfold, so the one after these is below 0.1 mm. Where weights still creep along
-in an outage, noise is estimated all the same.
+"""rad and m; steps shrink thirty- to hundredfold, so the one after these is below 0.1 mm. Where weights still creep
+along in an outage, noise is estimated all the same.
 """
 _STALE: Final = (3e-3, 1.0, 0.02)
 """Change of gyro bias rad/s, accel bias m/s^2 and scale beyond which their first order no longer does: increments are
@@ -89,94 +87,14 @@ _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
 _CONVENTION: Final = 1e-4
 """m and rad; sigma of a first position and heading that nothing measures, and which are set to be what they are."""
-_GAP_S: Final = 3.0
-"""s without a fix, beyond which the velocity between is not known beforehand."""
-_DIFFERENCE_S: Final = 3.9
-"""s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
 _STANDING_WHEELS: Final = 0.1
 """m/s; while GNSS says that it moves, such wheels only say that something carries the vehicle."""
-_NO_HEADING: Final = 0.2
-"""rad; doubt of the first heading that noise alone exceeds, and no drive."""
-_MOVES_MUCH: Final = 0.2
 _GAP_RATE: Final = 0.3
 _GAP_FORCE: Final = 2.0
 _GAP_FAR_S: Final = 2.0
-"""rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends tell."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Sizes of the random errors.
-
-    gyro, accel : densities rad/s/sqrt(Hz), m/s^2/sqrt(Hz); gyro_walk, accel_walk : rad/s/sqrt(s), m/s^2/sqrt(s)
-    drift : (3,) m, drift_tau : s, of the slow error of GNSS positions
-    position, velocity : (3,) factors on the sigmas of the fixes
-    """
-
-    gyro: float
-    accel: float
-    gyro_walk: float
-    accel_walk: float
-    drift: Floats
-    drift_tau: float
-    position: Floats
-    velocity: Floats
-
-
-@dataclass(frozen=True)
-class Model:
-    """How a car moves, and what is known beforehand. Sigmas of priors: zero fixes the value at its mean.
-
-    gyro_bias rad/s, accel_bias m/s^2, gyro_scale, accel_scale 1 : sigmas
-    mounting : (3, 3) vehicle from sensor, None for the closed form's; mounting_sigma : (3,) rad
-    lever, rear : (3,) m, vehicle, mean; lever_sigma, rear_sigma : (3,) m
-    lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
-    wheels : does it roll on wheels, so that it moves forward only
-    across m/s, slip_growth : sigma of motion across at one second, and its growth with slip
-    stop m/s, stop_heading, stop_tilt rad/sqrt(s) : how still a standing vehicle is
-    road rad, road_stretch m : bank of roads, and the length over which it changes
-    first_attitude : (3, 3) n from sensor at the first knot, None where not known; first_attitude_sigma : (3,) rad,
-        about axes n
-    """
-
-    gyro_bias: float = np.radians(1.0)
-    accel_bias: float = 0.5
-    gyro_scale: float = 0.005
-    accel_scale: float = 0.003
-    mounting: Floats | None = None
-    mounting_sigma: tuple[float, float, float] = (np.radians(10.0),) * 3
-    lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    lever_sigma: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    rear: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rear_sigma: tuple[float, float, float] = (1.5, 1.5, 1.5)
-    lag: float = 0.1
-    velocity_lag: float = 0.1
-    slip: float = 0.01
-    pitch: float = 0.01
-    roll: float = 0.01
-    wheel: float = 0.02
-    wheel_speed: float = 0.1
-    wheels: bool = True
-    across: float = 0.1
-    slip_growth: float = 0.004
-    stop: float = 0.02
-    stop_heading: float = 3e-5
-    stop_tilt: float = 1e-4
-    road: float = np.radians(1.5)
-    road_stretch: float = 100.0
-    first_attitude: Floats | None = None
-    first_attitude_sigma: tuple[float, float, float] = (np.radians(1.0),) * 3
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What was logged. wheel_t_s : (w,) s, wheel_speed : (w,) m/s, without rows where there are no wheels' speeds."""
-
-    samples: Samples
-    fixes: Fixes
-    anchor: Anchor
-    wheel_t_s: Floats
-    wheel_speed: Floats
+"""rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends
+tell.
+"""
 
 
 @dataclass(frozen=True)
@@ -520,115 +438,3 @@ def _robust(
         else (min(sharpness[0] * _GROWTH, 1e4), min(sharpness[1] * _GROWTH, 1e4))
     )
     return (tls_weights(squared[0], _C2, sharper[0]), tls_weights(squared[1], _C2, sharper[1])), sharper
-
-
-def fix_motion(fixes: Fixes) -> tuple[Floats, Floats, Floats]:
-    """Times s, horizontal speeds m/s and courses rad of the fixes that tell a speed: (k,) each, NaN for no course.
-
-    Where none does, those of differences of positions. Of one that only says that it is small, the sigma is its speed.
-    """
-    seen = np.isfinite(fixes.vel_sigma[:2]).any(axis=0)
-    if not seen.any():
-        t_s, vel_n = _differences(fixes.t_s, fixes.pos_n)
-        return t_s, np.hypot(vel_n[0], vel_n[1]), np.arctan2(vel_n[0], vel_n[1])
-    vel_n = np.einsum("jim,jm->im", fixes.vel_rows[..., seen], fixes.vel[:, seen])
-    small = fixes.small_only[seen]
-    speed = np.where(small, fixes.vel_sigma[0, seen], np.hypot(vel_n[0], vel_n[1]))
-    course = np.where(fixes.speed_only[seen] | small, np.nan, np.arctan2(vel_n[0], vel_n[1]))
-    return fixes.t_s[seen], speed, course
-
-
-def start_state(smoother: Smoother) -> State:
-    """Closed form: gyro bias at stops, attitude from GNSS accelerations against specific force, then the mounting.
-
-    Where only speed is known, the course is that of the turns since the start, which faces north by convention.
-    Raises ValueError where nothing moves, so that no direction is forward and no heading is told.
-    """
-    drive, knots = smoother.drive, smoother.drive.samples.knot_times
-    stands = int(smoother.still.sum()) > 5
-    bias = np.median(smoother.blocks.gyro[:, smoother.still], axis=1) if stands else np.zeros(3)
-    state = _resting(len(knots), bias)
-    increments = smoother.increments(state)
-    segments = segments_of(smoother.gap_s)
-    vel_n, known = knot_velocities(drive, knots, increments, segments)
-    pull_n = gravity_n(np.zeros((3, 1)), drive.anchor)[:, 0]
-    if not stands:
-        state = _resting(len(knots), alignment.gyro_bias_from_drift(increments, vel_n, known, pull_n, segments))
-        increments = smoother.increments(state)
-    rot_ns = alignment.align(increments, vel_n, known, pull_n, segments)
-    if smoother.model.first_attitude is None and not _moves_much(smoother):
-        unsure = alignment.heading_sigma(increments, rot_ns, vel_n, known, pull_n, segments)
-        if unsure.min(initial=np.pi) > _NO_HEADING:
-            raise ValueError("speed and course do not change by more than the noise of GNSS")
-    rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
-    pos_n = knot_positions(drive, knots, vel_n)
-    smoother.mounting, smoother.first_rot_ns, smoother.origin_n = rot_vs, rot_ns[..., :1], pos_n[:, 0]
-    return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
-
-
-def _moves_much(smoother: Smoother) -> bool:
-    """Is it fast for a fair part of the time, so that its course is its heading even where that never changes?"""
-    return bool((smoother.motion[1] > MOVING).mean() > _MOVES_MUCH) if len(smoother.motion[1]) else False
-
-
-def _resting(knots: int, gyro_bias: Floats) -> State:
-    """Nothing known but the bias of the gyro (3,) rad/s."""
-    same = np.repeat(np.eye(3)[..., None], knots, axis=2)
-    bias, none = np.repeat(gyro_bias[:, None], knots, axis=1), np.zeros((3, knots))
-    return State(same, none, none, bias, none, none, np.eye(3), np.zeros(COMMON_SIZE))
-
-
-def segments_of(gap_s: Floats, longest: float = 10.0) -> list[slice]:
-    """Slices of knots between intervals that are mostly gap."""
-    cut = np.flatnonzero(gap_s > longest * 0.1) + 1
-    edges = [0, *cut.tolist(), len(gap_s) + 1]
-    return [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
-
-
-def knot_velocities(
-    drive: Drive, knots: Floats, increments: Increments, segments: list[slice]
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Velocity at the knots, (3, N) m/s, and where it is known: of fixes, else of their positions, else of speed."""
-    fixes = drive.fixes
-    vector = np.isfinite(fixes.vel_sigma[:2]).all(axis=0) & ~fixes.speed_only
-    speed = np.isfinite(fixes.vel_sigma[0]) & fixes.speed_only
-    placed = np.isfinite(fixes.pos_sigma[:2]).all(axis=0)
-    if vector.sum() > 1:
-        t_s, vel_n = fixes.t_s[vector], np.einsum("jim,jm->im", fixes.vel_rows[..., vector], fixes.vel[:, vector])
-    elif placed.sum() > 2:
-        t_s, vel_n = _differences(fixes.t_s[placed], fixes.pos_n[:, placed])
-    else:
-        t_s = fixes.t_s[speed]
-        known = _near(knots, t_s)
-        along = np.interp(knots, t_s, fixes.vel[0, speed])
-        return alignment.pseudo_velocity(increments, along, segments), known
-    return np.stack([np.interp(knots, t_s, axis) for axis in vel_n]), _near(knots, t_s)
-
-
-def _differences(t_s: Floats, pos_n: Floats) -> tuple[Floats, Floats]:
-    """Velocities of positions at least DIFFERENCE_S apart: times (k,) s, (3, k) m/s."""
-    ahead = np.searchsorted(t_s, t_s + _DIFFERENCE_S)
-    first = np.flatnonzero(ahead < len(t_s))
-    last = ahead[first]
-    return 0.5 * (t_s[first] + t_s[last]), (pos_n[:, last] - pos_n[:, first]) / (t_s[last] - t_s[first])
-
-
-def _near(knots: Floats, t_s: Floats) -> NDArray[np.bool_]:
-    """Knots with a fix not much further away than usual."""
-    if len(t_s) < 2:
-        return np.zeros(len(knots), dtype=bool)
-    usual = float(np.median(np.diff(t_s)))
-    gap = np.append(np.diff(t_s), 0.0)[np.clip(np.searchsorted(t_s, knots) - 1, 0, len(t_s) - 1)]
-    inside = (knots >= t_s[0] - usual) & (knots <= t_s[-1] + usual)
-    return np.asarray((gap <= max(_GAP_S, 2.5 * usual)) & inside)
-
-
-def knot_positions(drive: Drive, knots: Floats, vel_n: Floats) -> Floats:
-    """Positions at the knots, (3, N) m: of the fixes, else the path of the velocities from zero."""
-    out = np.zeros_like(vel_n)
-    out[:, 1:] = np.cumsum(0.5 * (vel_n[:, 1:] + vel_n[:, :-1]) * np.diff(knots), axis=1)
-    for axis in range(3):
-        seen = np.isfinite(drive.fixes.pos_sigma[axis])
-        if seen.any():
-            out[axis] = np.interp(knots, drive.fixes.t_s[seen], drive.fixes.pos_n[axis, seen])
-    return out

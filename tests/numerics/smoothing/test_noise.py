@@ -13,7 +13,7 @@ from smoothing_drives import Log, Simulated, simulate
 
 from recon.numerics.smoothing import Model, Noise, Smoother
 from recon.numerics.smoothing.noise import Likelihood, likely_noise, posterior, scaled_noise
-from recon.numerics.smoothing.smoother import start_state
+from recon.numerics.smoothing.start import start_state
 
 Floats = np.ndarray
 NAMES = ("drift across", "drift up", "tau", "position across", "position up", "velocity across", "velocity up")

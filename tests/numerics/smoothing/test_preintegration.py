@@ -69,8 +69,9 @@ def subdivided(samples: Samples, parts: int) -> tuple[np.ndarray, np.ndarray, np
     t_s = samples.t_s
     fine = np.concatenate([np.linspace(a, b, parts, endpoint=False) for a, b in pairwise(t_s)])
     fine = np.append(fine, t_s[-1])
-    gyro, accel = (np.stack([np.interp(fine, t_s, x[:, i]) for i in range(3)], 1)
-                   for x in (samples.gyro_s, samples.accel_s))
+    gyro, accel = (
+        np.stack([np.interp(fine, t_s, x[:, i]) for i in range(3)], 1) for x in (samples.gyro_s, samples.accel_s)
+    )
     return fine, gyro, accel
 
 
@@ -181,8 +182,11 @@ def test_two_intervals_chain_to_one_of_twice_the_length():
 
 def test_partial_increments_start_at_the_knot_and_lead_to_the_next():
     long, short = plain(drive(100, 8.0, 200)), plain(drive(100, 8.0, 100))
-    for partial, whole in ((quat_to_matrix(long.q), short.rotation), (long.dv, short.velocity),
-                           (long.dp, short.position)):
+    for partial, whole in (
+        (quat_to_matrix(long.q), short.rotation),
+        (long.dv, short.velocity),
+        (long.dp, short.position),
+    ):
         assert_allclose(partial[..., 100::200], whole[..., ::2], rtol=0.0, atol=ROUNDING)
     assert_array_equal(long.q[:, ::200], np.tile([[1.0], [0.0], [0.0], [0.0]], 4))
     assert_array_equal(long.dv[:, ::200], 0.0)
@@ -208,8 +212,11 @@ def test_biases_and_scale_errors_are_taken_off():
     samples, true = drive(100, 4.0, 200), plain(drive(100, 4.0, 200))
     bias_g, bias_a = np.array([0.01, -0.02, 0.03]), np.array([0.3, -0.1, 0.2])
     scale = np.array([0.01, -0.02, 0.03, -0.01, 0.02, 0.005])
-    spoilt = replace(samples, gyro_s=samples.gyro_s / (1.0 - scale[:3]) + bias_g,
-                     accel_s=samples.accel_s / (1.0 - scale[3:]) + bias_a)
+    spoilt = replace(
+        samples,
+        gyro_s=samples.gyro_s / (1.0 - scale[:3]) + bias_g,
+        accel_s=samples.accel_s / (1.0 - scale[3:]) + bias_a,
+    )
     inc = preintegrate(spoilt, np.tile(bias_g[:, None], 2), np.tile(bias_a[:, None], 2), scale)
     assert_allclose(inc.rotation, true.rotation, rtol=0.0, atol=ROUNDING)
     assert_allclose(inc.velocity, true.velocity, rtol=0.0, atol=10 * ROUNDING)
@@ -306,11 +313,16 @@ def test_covariances_are_those_of_trials():
     gyro, accel = (np.append(np.tile(x, (trials, 1)), x[:1], axis=0) for x in (gyro, accel))
     rng = np.random.default_rng(2)
     density_g, density_a = 1e-3, 1e-2
-    noisy = samples_of(t_s, gyro + rng.normal(0.0, density_g / np.sqrt(h), gyro.shape),
-                       accel + rng.normal(0.0, density_a / np.sqrt(h), accel.shape), m)
+    noisy = samples_of(
+        t_s,
+        gyro + rng.normal(0.0, density_g / np.sqrt(h), gyro.shape),
+        accel + rng.normal(0.0, density_a / np.sqrt(h), accel.shape),
+        m,
+    )
     clean, inc = plain(samples_of(t_s[: m + 1], gyro[: m + 1], accel[: m + 1], m)), plain(noisy)
-    off = np.concatenate([rotation_log(mtm(clean.rotation, inc.rotation)), inc.velocity - clean.velocity,
-                          inc.position - clean.position])
+    off = np.concatenate(
+        [rotation_log(mtm(clean.rotation, inc.rotation)), inc.velocity - clean.velocity, inc.position - clean.position]
+    )
     predicted = density_g**2 * clean.covariance_gyro[0] + density_a**2 * clean.covariance_accel[0]
     whitened = np.linalg.solve(np.linalg.cholesky(predicted), off)
     # Of 1800 trials a variance is known to sqrt(2 / 1800) = 3.3 %, a covariance to 2.4 %; 4.5 sigma of 45 numbers.
@@ -330,8 +342,17 @@ def test_a_bridged_gap_lasts_as_long_as_it_did():
     assert_allclose(inc.duration.sum(), 60.0, rtol=0.0, atol=ROUNDING)
     assert_allclose(inc.duration, np.diff(samples.knot_times), rtol=0.0, atol=ROUNDING)
     # Rows 1001 to 1199 are filled in; the interval of 20 s but for the first of its steps lies still on its own force.
-    rotation, velocity, position = strapdown(*subdivided(replace(samples, t_s=samples.t_s[1000:1201],
-                                             gyro_s=samples.gyro_s[1000:1201], accel_s=samples.accel_s[1000:1201]), 20))
+    rotation, velocity, position = strapdown(
+        *subdivided(
+            replace(
+                samples,
+                t_s=samples.t_s[1000:1201],
+                gyro_s=samples.gyro_s[1000:1201],
+                accel_s=samples.accel_s[1000:1201],
+            ),
+            20,
+        )
+    )
     assert_allclose(inc.rotation[..., 5], rotation, rtol=0.0, atol=1e-5)
     assert_allclose(inc.velocity[:, 5], velocity, rtol=0.0, atol=1e-3)
     assert_allclose(inc.position[:, 5], position, rtol=0.0, atol=1e-2)

@@ -11,8 +11,8 @@ from smoothing_drives import Log, Simulated, box, simulate, turned_about_up
 
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Model, Smoother, Solved, geodetic, level_rotation, positions_n
-from recon.numerics.smoothing.smoother import start_state
 from recon.numerics.smoothing.soa import mm, mmt, rotation_exp, rotation_log
+from recon.numerics.smoothing.start import start_state
 from recon.numerics.smoothing.state import ACCEL_SCALE, GYRO_SCALE, LAG, SCALES, VELOCITY_LAG, State
 
 MOST_STEPS = 12

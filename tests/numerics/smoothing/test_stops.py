@@ -122,11 +122,25 @@ def test_creeping_between_stops_is_no_stop(speed: float, road: tuple[float, floa
     assert still.any()
 
 
-def test_a_car_is_seen_to_stop_in_an_outage() -> None:
-    case = drive(*TOWN).without_fixes(85.0, 175.0)  # 90 to 110 s is the second stop
+QUEUE = (20.0, 1.0)
+"""s, m/s; what shows whether a creeping car is quiet."""
+
+
+def test_a_car_whose_creeping_shows_is_seen_to_stop_in_an_outage() -> None:
+    case = drive(*TOWN, QUEUE).without_fixes(85.0, 175.0)  # 90 to 110 s is the second stop
     still, standing = found(case)
     assert not (still & ~standing).any()
     assert len(runs(still)) == 3
+
+
+@pytest.mark.parametrize("creeps", [True, False], ids=["creeping is seen to be quiet", "creeping is not seen"])
+def test_a_car_whose_creeping_may_be_quiet_is_not_believed_to_stop_in_an_outage(creeps: bool) -> None:
+    soft = (np.radians(0.15), 0.05)  # at 1 m/s a tenth of the noise of the windows, at 12 m/s more than the limits
+    end = (QUEUE,) if creeps else ()
+    case = drive((30.0, 0.0), (60.0, 12.0), QUEUE, (60.0, 14.0), (20.0, 0.0), (60.0, 9.0), *end, road=soft)
+    still, standing = found(case.without_fixes(85.0, 115.0))  # 90 to 110 s it creeps
+    assert not (still & ~standing).any()
+    assert len(runs(still)) == 2
 
 
 def test_what_is_as_quiet_in_motion_as_at_rest_is_not_believed_in_an_outage() -> None:

@@ -1,0 +1,142 @@
+"""Where Gauss and Newton begin: velocity and position of the fixes at the knots; attitude, mounting in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.smoothing import alignment
+from recon.numerics.smoothing.earth import gravity_n
+from recon.numerics.smoothing.measurements import Fixes
+from recon.numerics.smoothing.model import Drive
+from recon.numerics.smoothing.preintegration import Increments
+from recon.numerics.smoothing.soa import Floats
+from recon.numerics.smoothing.state import COMMON_SIZE, State
+from recon.numerics.smoothing.stops import MOVING
+
+if TYPE_CHECKING:
+    from recon.numerics.smoothing.smoother import Smoother
+
+_GAP_S: Final = 3.0
+"""s without a fix, beyond which the velocity between is not known beforehand."""
+_DIFFERENCE_S: Final = 3.9
+"""s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
+_NO_HEADING: Final = 0.2
+"""rad; doubt of the first heading that noise alone exceeds, and no drive."""
+_MOVES_MUCH: Final = 0.2
+
+
+def fix_motion(fixes: Fixes) -> tuple[Floats, Floats, Floats]:
+    """Times s, horizontal speeds m/s and courses rad of the fixes that tell a speed: (k,) each, NaN for no course.
+
+    Where none does, those of differences of positions. Of one that only says that it is small, the sigma is its speed.
+    """
+    seen = np.isfinite(fixes.vel_sigma[:2]).any(axis=0)
+    if not seen.any():
+        t_s, vel_n = _differences(fixes.t_s, fixes.pos_n)
+        return t_s, np.hypot(vel_n[0], vel_n[1]), np.arctan2(vel_n[0], vel_n[1])
+    vel_n = np.einsum("jim,jm->im", fixes.vel_rows[..., seen], fixes.vel[:, seen])
+    small = fixes.small_only[seen]
+    speed = np.where(small, fixes.vel_sigma[0, seen], np.hypot(vel_n[0], vel_n[1]))
+    course = np.where(fixes.speed_only[seen] | small, np.nan, np.arctan2(vel_n[0], vel_n[1]))
+    return fixes.t_s[seen], speed, course
+
+
+def start_state(smoother: Smoother) -> State:
+    """Closed form: gyro bias at stops, attitude from GNSS accelerations against specific force, then the mounting.
+
+    Where only speed is known, the course is that of the turns since the start, which faces north by convention.
+    Raises ValueError where nothing moves, so that no direction is forward and no heading is told.
+    """
+    drive, knots = smoother.drive, smoother.drive.samples.knot_times
+    stands = int(smoother.still.sum()) > 5
+    bias = np.median(smoother.blocks.gyro[:, smoother.still], axis=1) if stands else np.zeros(3)
+    state = _resting(len(knots), bias)
+    increments = smoother.increments(state)
+    segments = segments_of(smoother.gap_s)
+    vel_n, known = knot_velocities(drive, knots, increments, segments)
+    pull_n = gravity_n(np.zeros((3, 1)), drive.anchor)[:, 0]
+    if not stands:
+        state = _resting(len(knots), alignment.gyro_bias_from_drift(increments, vel_n, known, pull_n, segments))
+        increments = smoother.increments(state)
+    rot_ns = alignment.align(increments, vel_n, known, pull_n, segments)
+    if smoother.model.first_attitude is None and not _moves_much(smoother):
+        unsure = alignment.heading_sigma(increments, rot_ns, vel_n, known, pull_n, segments)
+        if unsure.min(initial=np.pi) > _NO_HEADING:
+            raise ValueError("speed and course do not change by more than the noise of GNSS")
+    rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
+    pos_n = knot_positions(drive, knots, vel_n)
+    smoother.mounting, smoother.first_rot_ns, smoother.origin_n = rot_vs, rot_ns[..., :1], pos_n[:, 0]
+    return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
+
+
+def _moves_much(smoother: Smoother) -> bool:
+    """Is it fast for a fair part of the time, so that its course is its heading even where that never changes?"""
+    return bool((smoother.motion[1] > MOVING).mean() > _MOVES_MUCH) if len(smoother.motion[1]) else False
+
+
+def _resting(knots: int, gyro_bias: Floats) -> State:
+    """Nothing known but the bias of the gyro (3,) rad/s."""
+    same = np.repeat(np.eye(3)[..., None], knots, axis=2)
+    bias, none = np.repeat(gyro_bias[:, None], knots, axis=1), np.zeros((3, knots))
+    return State(same, none, none, bias, none, none, np.eye(3), np.zeros(COMMON_SIZE))
+
+
+def segments_of(gap_s: Floats, longest: float = 10.0) -> list[slice]:
+    """Slices of knots between intervals that are mostly gap."""
+    cut = np.flatnonzero(gap_s > longest * 0.1) + 1
+    edges = [0, *cut.tolist(), len(gap_s) + 1]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
+
+
+def knot_velocities(
+    drive: Drive, knots: Floats, increments: Increments, segments: list[slice]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Velocity at the knots, (3, N) m/s, and where it is known: of fixes, else of their positions, else of speed."""
+    fixes = drive.fixes
+    vector = np.isfinite(fixes.vel_sigma[:2]).all(axis=0) & ~fixes.speed_only
+    speed = np.isfinite(fixes.vel_sigma[0]) & fixes.speed_only
+    placed = np.isfinite(fixes.pos_sigma[:2]).all(axis=0)
+    if vector.sum() > 1:
+        t_s, vel_n = fixes.t_s[vector], np.einsum("jim,jm->im", fixes.vel_rows[..., vector], fixes.vel[:, vector])
+    elif placed.sum() > 2:
+        t_s, vel_n = _differences(fixes.t_s[placed], fixes.pos_n[:, placed])
+    else:
+        t_s = fixes.t_s[speed]
+        known = _near(knots, t_s)
+        along = np.interp(knots, t_s, fixes.vel[0, speed])
+        return alignment.pseudo_velocity(increments, along, segments), known
+    return np.stack([np.interp(knots, t_s, axis) for axis in vel_n]), _near(knots, t_s)
+
+
+def _differences(t_s: Floats, pos_n: Floats) -> tuple[Floats, Floats]:
+    """Velocities of positions at least DIFFERENCE_S apart: times (k,) s, (3, k) m/s."""
+    ahead = np.searchsorted(t_s, t_s + _DIFFERENCE_S)
+    first = np.flatnonzero(ahead < len(t_s))
+    last = ahead[first]
+    return 0.5 * (t_s[first] + t_s[last]), (pos_n[:, last] - pos_n[:, first]) / (t_s[last] - t_s[first])
+
+
+def _near(knots: Floats, t_s: Floats) -> NDArray[np.bool_]:
+    """Knots with a fix not much further away than usual."""
+    if len(t_s) < 2:
+        return np.zeros(len(knots), dtype=bool)
+    usual = float(np.median(np.diff(t_s)))
+    gap = np.append(np.diff(t_s), 0.0)[np.clip(np.searchsorted(t_s, knots) - 1, 0, len(t_s) - 1)]
+    inside = (knots >= t_s[0] - usual) & (knots <= t_s[-1] + usual)
+    return np.asarray((gap <= max(_GAP_S, 2.5 * usual)) & inside)
+
+
+def knot_positions(drive: Drive, knots: Floats, vel_n: Floats) -> Floats:
+    """Positions at the knots, (3, N) m: of the fixes, else the path of the velocities from zero."""
+    out = np.zeros_like(vel_n)
+    out[:, 1:] = np.cumsum(0.5 * (vel_n[:, 1:] + vel_n[:, :-1]) * np.diff(knots), axis=1)
+    for axis in range(3):
+        seen = np.isfinite(drive.fixes.pos_sigma[axis])
+        if seen.any():
+            out[axis] = np.interp(knots, drive.fixes.t_s[seen], drive.fixes.pos_n[axis, seen])
+    return out
