@@ -48,10 +48,11 @@ def convert(
     overrides = overrides_of(settings)
     registry = registry_of(blocked, first_party_only)
     reading = Pipeline.of("convert", "reader.auto")
-    _check_kind(target, registry)
     as_file = target.suffix.lower() == ".mcap"
     if as_file:
         _refuse(target, store, overwrite=overwrite)
+    else:
+        _check_kind(target, registry)
     with accounted({"the recording": target}):
         with progress() as shown:
             made = execute(

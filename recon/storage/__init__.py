@@ -29,6 +29,7 @@ __all__ = [
     "STORES",
     "read_recording",
     "refuse_existing",
+    "salvage_recording",
     "staged_file",
     "staged_folder",
     "store_of",
@@ -72,17 +73,41 @@ def read_recording(path: Path) -> Recording:
 
     Raises ReadFailed where there is none, it is damaged, or a newer recon wrote it.
     """
+    store = _store_at(path)
+    if store == "mcap":
+        return _checked(mcap.read_file(_mcap_at(path)), path)
+    if path.is_dir():
+        return _checked(parquet.read_folder(path / _FOLDER if (path / _FOLDER).is_dir() else path), path)
+    return _checked(Recording({path.stem: parquet.read_file(path)}), path)
+
+
+def salvage_recording(path: Path) -> tuple[Recording, str]:
+    """As `read_recording`, but of an MCAP file that is cut short or damaged all that is whole, and what is lost.
+
+    returns : the recording; what is lost as a sentence, "" where nothing is
+    """
+    if _store_at(path) != "mcap":
+        return read_recording(path), ""
+    recording, loss = mcap.salvage_file(_mcap_at(path))
+    return _checked(recording, path), loss
+
+
+def _store_at(path: Path) -> str:
+    """How a recording is kept there. Raises ReadFailed where none is."""
     if not path.exists():
         raise ReadFailed(path, "there is no such file or folder")
     store = store_of(path)
     if not store:
         raise ReadFailed(path, "it is no result of recon, Parquet file or MCAP file")
-    if store == "mcap":
-        recording = mcap.read_file(path / _FILE if path.is_dir() else path)
-    elif path.is_dir():
-        recording = parquet.read_folder(path / _FOLDER if (path / _FOLDER).is_dir() else path)
-    else:
-        recording = Recording({path.stem: parquet.read_file(path)})
+    return store
+
+
+def _mcap_at(path: Path) -> Path:
+    return path / _FILE if path.is_dir() else path
+
+
+def _checked(recording: Recording, path: Path) -> Recording:
+    """The recording, where all of it can be one. Raises ReadFailed."""
     for name, table in recording.items():
         _refuse_newer(table, name, path)
         _refuse_damaged(table, name, path)

@@ -1,7 +1,7 @@
 """Streams in one MCAP file, bit for bit the tables that were written.
 
 Layout (header profile "recon"):
-    metadata record "recon.recording"  {"meta": the recording's meta as JSON}
+    metadata record "recon.recording"  {"meta": the recording's meta as JSON, "rows": rows of each stream as JSON}
     one channel for each stream        topic: the stream's name; message encoding "arrow-ipc-stream"
     its schema record                  encoding "arrow-ipc-schema": the Arrow schema as an encapsulated IPC message
     its messages                       up to BATCH_ROWS rows each: an Arrow IPC stream (schema, one record batch, end)
@@ -9,7 +9,9 @@ Layout (header profile "recon"):
 A message is complete in itself: `pyarrow.ipc.open_stream(message.data).read_all()` gives its rows. The log time is that
 of the first row in ns since 1970, 0 where it has none or lies before 1970; the sequence number counts the messages of a
 channel. Every stream has at least one message, an empty one where it has no rows.
-Chunks are compressed with zstd; they and the data section as a whole have checksums, which are verified in reading.
+Each message is a chunk of its own, compressed with zstd. Chunks and the data section as a whole have checksums, which
+are verified in reading. Of a file that is cut short or damaged the chunks that are whole can be salvaged, and the rest
+be counted.
 Channels of other encodings are for viewers and are passed over.
 
 References
@@ -22,8 +24,9 @@ from __future__ import annotations
 import io
 import json
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +36,9 @@ from recon.errors import ReadFailed
 from recon.recording import Recording
 from recon.storage.json_text import to_json
 
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
 MAGIC: Final = b"\x89MCAP0\r\n"
 PROFILE: Final = "recon"
 MESSAGE_ENCODING: Final = "arrow-ipc-stream"
@@ -40,6 +46,8 @@ SCHEMA_ENCODING: Final = "arrow-ipc-schema"
 RECORDING: Final = "recon.recording"
 BATCH_ROWS: Final = 16_384
 
+_DAMAGED: Final = "the MCAP file is cut short or damaged"
+_AGAIN: Final = "copy or make it again"
 _HEADER_START: Final = MAGIC + b"\x01"
 _PROFILE_AT: Final = len(_HEADER_START) + 8
 
@@ -55,10 +63,11 @@ def write_file(recording: Recording, path: Path) -> None:
     from mcap.writer import Writer
 
     with path.open("wb") as file:
-        writer = Writer(file, enable_data_crcs=True)
+        writer = Writer(file, chunk_size=0, enable_data_crcs=True)
         writer.start(profile=PROFILE, library=f"recon {__version__}")
         meta = to_json(dict(recording.meta), sort_keys=True)
-        writer.add_metadata(RECORDING, {"meta": meta})
+        rows = to_json({name: table.num_rows for name, table in recording.items()})
+        writer.add_metadata(RECORDING, {"meta": meta, "rows": rows})
         for name, table in recording.items():
             _write_stream(writer, name, _canonical(table))
         writer.finish()  # type: ignore[no-untyped-call]
@@ -91,6 +100,17 @@ def _canonical(table: pa.Table) -> pa.Table:
 
 def read_file(path: Path) -> Recording:
     """All streams and the meta. Raises ReadFailed for a damaged file, and for one of another program."""
+    recording, loss = salvage_file(path)
+    if loss:
+        raise ReadFailed(path, _DAMAGED, hint="copy or make it again, or take what reader.mcap salvages")
+    return recording
+
+
+def salvage_file(path: Path) -> tuple[Recording, str]:
+    """All that is whole in a file, and what is lost, as a sentence: "" where nothing is.
+
+    Raises ReadFailed where no stream has anything whole, and for a file of another program.
+    """
     try:
         with _Clipped(path.open("rb", buffering=0)) as file:
             head = file.read(_PROFILE_AT + 4 + len(PROFILE))
@@ -114,32 +134,83 @@ class _Clipped(io.BufferedReader):
         return super().read(left if size is None or size < 0 else min(size, left))
 
 
-def _read(file: BinaryIO, path: Path) -> Recording:
+def whole_records(file: BinaryIO, size: int) -> Iterator[McapRecord | Exception]:
+    """Every record of an MCAP file that is whole, those in chunks included, and errors in the place of what is not.
+
+    A chunk whose checksum is wrong is one error, and is passed over; after any other the file cannot be followed.
+    size : of the file in bytes, which no record exceeds
+    """
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    records = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size).records
+    try:
+        for record in records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                inside = breakup_chunk(record, validate_crc=True)
+            except Exception as error:  # as below
+                yield error
+            else:
+                yield from inside
+    except Exception as error:  # damaged bytes make mcap, zstandard and struct raise errors of many kinds
+        yield error
+
+
+def _read(file: BinaryIO, path: Path) -> tuple[Recording, str]:
+    """The recording of what is whole, and what is lost. Channels are told in their first chunk and again at the end."""
     from mcap.records import Channel, Message, Metadata
-    from mcap.stream_reader import StreamReader
 
     names: dict[int, str] = {}
-    parts: dict[str, list[pa.Table]] = {}
-    meta: dict[str, Any] = {}
+    parts: dict[int, list[bytes]] = {}
+    about: tuple[Any, dict[str, int] | None] | None = {}, None
+    damaged = False
+    for record in whole_records(file, path.stat().st_size):
+        if isinstance(record, Message):
+            parts.setdefault(record.channel_id, []).append(record.data)
+        elif isinstance(record, Channel) and record.message_encoding == MESSAGE_ENCODING:
+            names[record.id] = record.topic
+        elif isinstance(record, Metadata) and record.name == RECORDING:
+            about = _about(record.metadata)
+        damaged |= isinstance(record, Exception) or about is None
     try:
-        for record in StreamReader(file, validate_crcs=True, record_size_limit=path.stat().st_size).records:
-            if isinstance(record, Message) and record.channel_id in names:
-                parts[names[record.channel_id]].append(_rows(record.data))
-            elif isinstance(record, Channel) and record.message_encoding == MESSAGE_ENCODING:
-                names[record.id] = record.topic
-                parts.setdefault(record.topic, [])
-            elif isinstance(record, Metadata) and record.name == RECORDING:
-                meta = json.loads(record.metadata["meta"])
-        return Recording({name: pa.concat_tables(tables).combine_chunks() for name, tables in parts.items()}, meta)
-    except Exception as error:  # damaged bytes make mcap, zstandard, struct and Arrow raise errors of many kinds
-        raise ReadFailed(path, "the MCAP file is cut short or damaged", hint="copy or make it again") from error
+        streams = {name: _stream(parts[number]) for number, name in names.items() if number in parts}
+    except (pa.ArrowException, ValueError, LookupError, TypeError, RecursionError) as error:
+        raise ReadFailed(path, _DAMAGED, hint=_AGAIN) from error  # with checksums that are right
+    if damaged and not streams:
+        raise ReadFailed(path, f"{_DAMAGED}, and nothing in it is whole", hint=_AGAIN)
+    meta, expected = about or ({}, None)
+    recording = Recording(streams, meta)
+    return recording, f"{_DAMAGED}: {_loss(recording, expected)}" if damaged else ""
 
 
-def _rows(data: bytes) -> pa.Table:
-    """The rows of one message. Arrow believes what damaged bytes tell of its buffers until it is asked to look."""
-    rows = pa.ipc.open_stream(data).read_all()
-    rows.validate(full=True)
-    return rows
+def _about(facts: Mapping[str, str]) -> tuple[Any, dict[str, int] | None] | None:
+    """The meta, and rows by stream, None where they were not told; None where what the record says is damaged."""
+    try:
+        meta, rows = json.loads(facts["meta"]), json.loads(facts.get("rows", "null"))
+    except (ValueError, LookupError, RecursionError):
+        return None
+    sound = rows is None or (isinstance(rows, dict) and all(type(count) is int for count in rows.values()))
+    return (meta, rows) if sound else None
+
+
+def _loss(recording: Recording, expected: Mapping[str, int] | None) -> str:
+    here = {name: table.num_rows for name, table in recording.items()}
+    if expected is None:
+        salvaged = ", ".join(f"{rows:,} rows of {name}" for name, rows in here.items())
+        return f"{salvaged} are salvaged, how many are lost is not known"
+    lost = {name: rows - here.get(name, 0) for name, rows in expected.items() if rows > here.get(name, 0)}
+    shown = ", ".join(f"{rows:,} of {expected[name]:,} rows of {name}" for name, rows in lost.items())
+    return f"{shown} are lost" if lost else "every row is salvaged"
+
+
+def _stream(messages: list[bytes]) -> pa.Table:
+    """The rows of messages. Arrow believes what damaged bytes tell of its buffers until it is asked to look."""
+    table = pa.concat_tables(pa.ipc.open_stream(data).read_all() for data in messages).combine_chunks()
+    table.validate(full=True)
+    return table
 
 
 def _contents(file: BinaryIO) -> str:

@@ -1,0 +1,205 @@
+"""Channels of Foxglove's messages: places, poses, the car, events and warnings.
+
+Poses are those of the frame `vehicle` (x forward, y left, z up) in the frame `local` (East, North, Up about the
+anchor). Rows without a position are left out. An altitude that is not known is NaN, as is a velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.numerics.rotation import conjugate, rotate
+from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.units import duration_text
+from recon_exporters._mcap_file import Channel, fixed_binary
+from recon_exporters._mcap_protobuf import (
+    Part,
+    choice,
+    descriptor_set,
+    doubles,
+    joined,
+    message,
+    packed,
+    rows_of,
+    sized,
+    timestamp,
+    whole,
+)
+from recon_exporters._mcap_schemas import DEFINITIONS
+
+LOCAL: Final = "local"
+VEHICLE: Final = "vehicle"
+
+_DIAGONAL_KNOWN: Final = 2
+_INFO, _WARNING = 2, 3
+_CAR_SIZE: Final = (4.5, 1.8, 1.5)
+"""m: a usual car. Only for the eye; its middle is drawn where the IMU is."""
+_BLUE: Final = (0.0, 0.447, 0.698, 0.8)
+_ORANGE: Final = (0.902, 0.624, 0.0, 1.0)
+_PATH_POINTS: Final = 5000
+_NO_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+
+
+def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
+    """LocationFix of the rows with a latitude and longitude; None where there are none.
+
+    The covariance is that of pos_std, without what relates the axes; "unknown" in rows without.
+    """
+    if not (has(table, "lat") and has(table, "lon")):
+        return None
+    lat, lon = vector(table, "lat", gaps=True), vector(table, "lon", gaps=True)
+    rows = np.flatnonzero(np.isfinite(lat) & np.isfinite(lon))
+    height = vector(table, "height", gaps=True) if has(table, "height") else np.full(len(lat), np.nan)
+    place = np.column_stack((lat, lon, height))[rows]
+    std = matrix(table, "pos_std", gaps=True)[rows] if has(table, "pos_std") else np.full((len(rows), 3), np.nan)
+    known = np.asarray(np.isfinite(std).all(axis=1))
+    variance = np.where(known[:, None], std, 0.0) ** 2
+    t_ns = time_ns(table)[rows]
+
+    def parts(some: slice) -> list[Part]:
+        east, north, up = variance[some].T
+        return [
+            *doubles(1, place[some].T),
+            *packed(4, [east, 0.0, 0.0, 0.0, north, 0.0, 0.0, 0.0, up]),
+            *choice(5, known[some], _DIAGONAL_KNOWN),
+            *timestamp(6, t_ns[some]),
+            *sized(7, frame),
+        ]
+
+    about = {"height_datum": str(meta(table).get("height_datum", "unknown"))}
+    return _channel(topic, "LocationFix", t_ns, parts, about) if len(rows) else None
+
+
+def pose_channels(stream: str, table: pa.Table, *, moves: bool) -> list[Channel]:
+    """PoseInFrame of the rows with a position and an attitude, none where there are none.
+
+    moves : also FrameTransform and Odometry, its velocities in the frame `vehicle`
+    """
+    if not (has(table, "pos") and has(table, "q")):
+        return []
+    position, q = matrix(table, "pos", gaps=True), matrix(table, "q", gaps=True)
+    rows = np.flatnonzero(np.isfinite(position).all(axis=1) & np.isfinite(q).all(axis=1))
+    t_ns, position, q = time_ns(table)[rows], position[rows], q[rows]
+    xyzw = q[:, [1, 2, 3, 0]]
+
+    def pose(some: slice) -> list[Part]:
+        return _pose(position[some].T, xyzw[some].T)
+
+    def in_frame(some: slice) -> list[Part]:
+        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *message(3, pose(some))]
+
+    def frames(some: slice) -> list[Part]:
+        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *sized(3, VEHICLE)]
+
+    def transform(some: slice) -> list[Part]:
+        return [*frames(some), *_placed(4, position[some].T, xyzw[some].T)]
+
+    def odometry(some: slice) -> list[Part]:
+        velocity = rotate(conjugate(q[some]), vel[some])
+        rates = [*message(5, doubles(1, velocity.T)), *message(6, doubles(1, gyro[some].T))]
+        return [*frames(some), *message(4, pose(some)), *rates]
+
+    channels = [_channel(f"/{stream}/pose", "PoseInFrame", t_ns, in_frame)]
+    if moves:
+        vel, gyro = _vectors(table, "vel")[rows], _vectors(table, "gyro")[rows]
+        channels.append(_channel("/tf", "FrameTransform", t_ns, transform))
+        channels.append(_channel(f"/{stream}/odometry", "Odometry", t_ns, odometry))
+    return channels if len(rows) else []
+
+
+def _vectors(table: pa.Table, group: str) -> Array:
+    return matrix(table, group, gaps=True) if has(table, group) else np.full((table.num_rows, 3), np.nan)
+
+
+def _pose(position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:
+    return _placed(1, position, xyzw)
+
+
+def _placed(number: int, position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:
+    """A Vector3 and a Quaternion, numbered from `number`."""
+    return [*message(number, doubles(1, position)), *message(number + 1, doubles(1, xyzw))]
+
+
+def scene_channel(table: pa.Table) -> Channel | None:
+    """SceneUpdate, one message: the car as a box with an arrow ahead, and the path; None without a position."""
+    position = matrix(table, "pos", gaps=True) if has(table, "pos") else np.zeros((0, 3))
+    rows = np.flatnonzero(np.isfinite(position).all(axis=1))
+    if not len(rows):
+        return None
+    t_ns = time_ns(table)[rows[:1]]
+    chosen = position[rows[np.linspace(0, len(rows) - 1, min(_PATH_POINTS, len(rows))).astype(np.intp)]]
+    still = message(1, _pose((0.0, 0.0, 0.0), _NO_ROTATION))
+    box = [*still, *message(2, doubles(1, _CAR_SIZE)), *message(3, doubles(1, _BLUE))]
+    front = message(1, _pose((_CAR_SIZE[0] / 2, 0.0, 0.0), _NO_ROTATION))
+    arrow = [*front, *doubles(2, (1.0, 0.15, 0.5, 0.4)), *message(6, doubles(1, _ORANGE))]
+    points = rows_of(message(5, doubles(1, chosen.T)), len(chosen)).tobytes()
+    line = [*message(2, _pose((0.0, 0.0, 0.0), _NO_ROTATION)), *doubles(3, (3.0,)), *whole(4, 1)]
+    line += [points, *message(6, doubles(1, _ORANGE))]
+    car = [*timestamp(1, t_ns), *sized(2, VEHICLE), *sized(3, "car"), *whole(5, 1)]
+    car += [*message(7, arrow), *message(8, box)]
+    path = [*timestamp(1, t_ns), *sized(2, LOCAL), *sized(3, "path"), *message(11, line)]
+    return _single("/scene", "SceneUpdate", t_ns, [joined([*message(2, car), *message(2, path)])])
+
+
+def event_channel(events: pa.Table) -> Channel:
+    """Event for each row of `events`, its other columns as metadata."""
+    begin, end = time_ns(events), time_ns(events, "end_time")
+    bodies = []
+    for row, facts in enumerate(events.drop_columns(["time", "end_time"]).to_pylist()):
+        parts = [*timestamp(1, begin[row : row + 1]), *timestamp(2, end[row : row + 1])]
+        for key, value in facts.items():
+            if value not in (None, ""):
+                parts += message(3, [*sized(1, key), *sized(2, str(value))])
+        bodies.append(joined(parts))
+    return _single("/events/spans", "Event", begin, bodies)
+
+
+def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int) -> Channel:
+    """Log: the warnings at the start, then a line for each event when it begins."""
+    lines = [(start_ns, _WARNING, "warning", text) for text in warnings]
+    if events is not None:
+        begin, end = time_ns(events), time_ns(events, "end_time")
+        for row, event in enumerate(events.select(["kind", "value", "unit", "note"]).to_pylist()):
+            size = "" if event["value"] is None else f" {event['value']:.6g} {event['unit'] or ''}".rstrip()
+            lasted = duration_text(float(end[row] - begin[row]) * 1e-9)
+            note = f": {event['note']}" if event["note"] else ""
+            lines.append((int(begin[row]), _INFO, "event", f"{event['kind']}{size} for {lasted}{note}"))
+    lines.sort(key=lambda line: line[0])
+    t_ns = np.array([line[0] for line in lines], dtype=np.int64)
+    bodies = [
+        joined([*timestamp(1, t_ns[row : row + 1]), *whole(2, level), *sized(3, text), *sized(4, name)])
+        for row, (_, level, name, text) in enumerate(lines)
+    ]
+    return _single("/log", "Log", t_ns, bodies)
+
+
+def _single(topic: str, title: str, t_ns: NDArray[np.int64], bodies: Sequence[bytes]) -> Channel:
+    """Messages that differ in length, (n,) rising in time."""
+    return _of(topic, title, t_ns, lambda rows: pa.array(bodies[rows], pa.binary()), {})
+
+
+def _channel(
+    topic: str,
+    title: str,
+    t_ns: NDArray[np.int64],
+    parts: Callable[[slice], list[Part]],
+    about: Mapping[str, str] | None = None,
+) -> Channel:
+    """Messages of one length, made of the parts for some rows."""
+    return _of(topic, title, t_ns, lambda rows: fixed_binary(rows_of(parts(rows), rows.stop - rows.start)), about or {})
+
+
+def _of(
+    topic: str,
+    title: str,
+    t_ns: NDArray[np.int64],
+    encode: Callable[[slice], pa.Array],
+    about: Mapping[str, str],
+) -> Channel:
+    name = f"foxglove.{title}"
+    return Channel(topic, "protobuf", name, "protobuf", descriptor_set(name, DEFINITIONS), t_ns, encode, about)

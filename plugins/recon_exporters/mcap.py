@@ -1,0 +1,111 @@
+"""Everything in one MCAP file for viewers: Foxglove, Lichtblick, Rerun open it as it is.
+
+    /tf                        FrameTransform   where `vehicle` is in `local`
+    /trajectory/pose           PoseInFrame      the same as a pose; also /reference/pose
+    /trajectory/odometry       Odometry         with velocity and angular rate, in the frame vehicle
+    /trajectory/fix            LocationFix      for maps, with the sigmas of the position; also /reference/fix
+    /gnss/fix                  LocationFix      raw GNSS, each receiver on its own
+    /scene                     SceneUpdate      a box for the car, and the path
+    /events/spans, /log        Event, Log       what happened; warnings at the start
+    /imu, /trajectory, ...     JSON             every stream with all columns that hold no lists, units in the schema
+
+    attachment manifest.json   what made the run, without its block `environment`
+    metadata recon.units       the unit of each column
+
+`vehicle` is x forward, y left, z up; `local` is East, North, Up about the anchor. Altitudes are as in the stream, above
+the height_datum that the channel's metadata name.
+
+References
+    MCAP specification, version 0 (mcap.dev/spec); Foxglove message schemas, docs.foxglove.dev.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from recon import __version__
+from recon.errors import DataError
+from recon.hookspecs import hookimpl
+from recon.manifest import RunInfo
+from recon.parameters import NoParams
+from recon.recording import Recording
+from recon.schema import unnumbered
+from recon.stages import Exporter
+from recon.storage.json_text import to_json
+from recon.tables import schema_of, select_rows, time_ns
+from recon_exporters._mcap_file import Attachment, Channel, write_file
+from recon_exporters._mcap_foxglove import (
+    VEHICLE,
+    event_channel,
+    location_channel,
+    log_channel,
+    pose_channels,
+    scene_channel,
+)
+from recon_exporters._mcap_json import json_channel
+
+
+def mcap(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
+    """Write `folder/recording.mcap`; its path. Raises DataError for times before 1970, which MCAP does not know."""
+    span = Recording(streams).span_ns() or (0, 0)
+    if span[0] < 0:
+        raise DataError("there are times before 1970, which MCAP cannot hold", "set the clock where the log is read")
+    ordered = {name: _in_order(table) for name, table in streams.items()}
+    manifest = {key: value for key, value in about.manifest.items() if key != "environment"}
+    path = folder / "recording.mcap"
+    write_file(
+        path,
+        [*_for_viewers(ordered, about, span[0]), *(json_channel(name, t, span[0]) for name, t in ordered.items())],
+        library=f"recon {__version__}",
+        metadata={"recon.units": _units(streams)},
+        attachments=[Attachment("manifest.json", "application/json", to_json(manifest, indent=1).encode())],
+    )
+    return [path]
+
+
+def _in_order(table: pa.Table) -> pa.Table:
+    """The table with times that rise, as those of events, which several steps wrote, may not."""
+    if "time" not in table.column_names:
+        return table
+    t_ns = time_ns(table)
+    rises = not (t_ns[1:] < t_ns[:-1]).any()
+    return table if rises else select_rows(table, np.argsort(t_ns, kind="stable"))
+
+
+def _for_viewers(streams: Mapping[str, pa.Table], about: RunInfo, start_ns: int) -> list[Channel]:
+    found: list[Channel | None] = []
+    for name, table in streams.items():
+        if name in ("trajectory", "reference"):
+            found += [location_channel(f"/{name}/fix", table, VEHICLE)]
+            found += pose_channels(name, table, moves=name == "trajectory")
+        if unnumbered(name) == "gnss":
+            found += [location_channel(f"/{name}/fix", table, name)]
+    if "trajectory" in streams:
+        found.append(scene_channel(streams["trajectory"]))
+    events = streams.get("events")
+    if events is not None:
+        found.append(event_channel(events))
+    found.append(log_channel(about.warnings, events, start_ns))
+    return [channel for channel in found if channel is not None]
+
+
+def _units(streams: Mapping[str, pa.Table]) -> dict[str, str]:
+    """The unit of each column that has one, by "stream.column"."""
+    columns = [(name, column) for name, table in streams.items() for column in schema_of(table).columns]
+    return {f"{name}.{column.name}": column.unit for name, column in columns if column.unit}
+
+
+@hookimpl
+def declare_exporters() -> Iterable[Exporter]:
+    """The exporter of MCAP files for viewers."""
+    yield Exporter(
+        name="mcap",
+        summary="Everything in one MCAP file that Foxglove, Lichtblick and Rerun show as it is.",
+        run=mcap,
+        every_stream=True,
+        references=("MCAP specification, mcap.dev/spec", "Foxglove message schemas, docs.foxglove.dev"),
+    )
