@@ -1,0 +1,167 @@
+"""A Rerun file from its streams: what is drawn over time, and the text about it. Space is drawn by _rerun_space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+from rerun.error_utils import catch_and_log_exceptions
+
+from recon.manifest import RunInfo
+from recon.recording import Recording
+from recon.rows import spans
+from recon.schema import group_of, unnumbered
+from recon.tables import has, matrix, schema_of, time_ns
+from recon_exporters._panels import Curve, Panel, panels_of
+from recon_exporters._rerun_camera import draw_frames
+from recon_exporters._rerun_layout import Shown, layout
+from recon_exporters._rerun_space import draw_space
+from recon_exporters._rerun_style import AXIS_COLORS, color_of, packed, times
+from recon_exporters._style import EVENTS, OTHER_EVENT, style_of
+from recon_exporters._tracks import iso_8601
+
+_SENSORS: Final = ("imu", "mag", "baro", "wheel")
+_DEGREES: Final = {"rad": "°", "rad/s": "°/s"}
+_NOTHING: Final = ""
+"""State of a lane between two events."""
+_SHORTEST: Final = 500
+"""Lanes show an event as no shorter than this part of the run."""
+
+
+def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
+    """Write the file."""
+    span = Recording(streams).span_ns() or (0, 0)
+    with catch_and_log_exceptions("recon", strict=True):  # else what is refused would become a warning
+        file = rr.RecordingStream(f"recon {about.name}")  # the viewer keeps one layout for each application
+        file.save(path)
+        file.send_recording_name(about.name)
+        space = draw_space(file, streams)
+        panels = panels_of(streams)
+        panels += list(_sigma_panels(panels))
+        for panel in panels:
+            for number, curve in enumerate(panel.curves):
+                _draw_curve(file, rr.new_entity_path(["plots", panel.key, str(number)]), curve)
+        sensors = _draw_sensors(file, streams)
+        kinds = _draw_events(file, streams.get("events"), shortest_ns=(span[1] - span[0]) // _SHORTEST)
+        pictures = draw_frames(file, streams, about)
+        file.log("about", rr.TextDocument(_text(about, space.left_out), media_type="text/markdown"), static=True)
+        file.send_blueprint(layout(Shown(span, space, panels, sensors, kinds, pictures)))
+        file.flush()
+        file.disconnect()
+
+
+def _draw_curve(file: rr.RecordingStream, path: str, curve: Curve) -> None:
+    color, mark = color_of(curve.role), style_of(curve.role).mark
+    style: rr.AsComponents
+    if mark == "line" or curve.role == "wheel":  # wheels are read so often that dots would cover all else
+        style = rr.SeriesLines(colors=color, names=curve.name, widths=1.5)
+    elif mark == "dots":
+        style = rr.SeriesPoints(colors=color, names=curve.name, markers="circle", marker_sizes=1.5)
+    else:
+        style = rr.SeriesPoints(colors=color, names=curve.name, markers="cross", marker_sizes=5.0)
+    file.log(path, style, static=True)
+    file.send_columns(path, [times(curve.t_ns)], rr.Scalars.columns(scalars=curve.values))
+
+
+def _sigma_panels(panels: Sequence[Panel]) -> Iterator[Panel]:
+    """The sigmas of curves as curves of their own, but for those that are drawn already."""
+    for panel in panels:
+        curves = [replace(curve, values=curve.sigma, sigma=None) for curve in panel.curves if curve.sigma is not None]
+        if curves:
+            what = panel.title.partition(",")[0].lower()
+            yield Panel(f"{panel.key}_std", f"Sigma of {what}", panel.unit, "uncertainty", curves)
+
+
+def _draw_sensors(file: rr.RecordingStream, streams: Mapping[str, pa.Table]) -> dict[str, str]:
+    """Every number of the sensors that GNSS does not stand for; titles by path."""
+    titles = {}
+    for name, table in streams.items():
+        if unnumbered(name) not in _SENSORS or not table.num_rows:
+            continue
+        for group in dict.fromkeys(
+            group_of(column.name) for column in schema_of(table).columns if column.name != "time"
+        ):
+            if has(table, group):
+                path = f"sensors/{name}/{group}"
+                titles[path] = _draw_group(file, path, name, group, table)
+    return titles
+
+
+def _draw_group(file: rr.RecordingStream, path: str, stream: str, group: str, table: pa.Table) -> str:
+    """All columns of a group as one plot; its title."""
+    columns = schema_of(table).columns_of(group)
+    values = matrix(table, group, gaps=True)
+    known = np.isfinite(values).all(axis=1)
+    unit = columns[0].unit
+    shown = np.degrees(values[known]) if unit in _DEGREES else values[known]
+    names = [column.name for column in columns]
+    colors = AXIS_COLORS[: len(names)] if len(names) <= len(AXIS_COLORS) else None
+    file.log(path, rr.SeriesLines(colors=colors, names=names, widths=1.5), static=True)
+    scalars = rr.Scalars.columns(scalars=shown.ravel()).partition(np.full(len(shown), len(names)))
+    file.send_columns(path, [times(time_ns(table)[known])], scalars)
+    return f"{stream} {group} [{_DEGREES.get(unit, unit)}]"
+
+
+def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns: int) -> list[str]:
+    """A lane for each kind and a line of text for each event; the kinds."""
+    if events is None or not events.num_rows:
+        return []
+    kinds = list(dict.fromkeys(events["kind"].to_pylist()))
+    for kind in kinds:
+        path = rr.new_entity_path(["events", kind])
+        edges = _lane(spans(events, kind), shortest_ns)
+        color = packed(EVENTS.get(kind, OTHER_EVENT))
+        look = rr.StateConfiguration(values=[kind, _NOTHING], colors=[color, color], visible=[True, False])
+        file.log(path, look, static=True)
+        states = rr.StateChange.columns(state=[kind, _NOTHING] * (len(edges) // 2))
+        file.send_columns(path, [times(edges)], states)
+    lines = rr.TextLog.columns(text=_sentences(events))
+    file.send_columns("events_as_text", [times(time_ns(events))], lines)
+    return kinds
+
+
+def _lane(found: Sequence[tuple[int, int]], shortest_ns: int) -> NDArray[np.int64]:
+    """Begin and end of each event, those that overlap as one: (2 m,) ns, rising."""
+    edges: list[int] = []
+    for begin, end in found:
+        end = max(end, begin + max(shortest_ns, 1))
+        if edges and begin <= edges[-1]:
+            edges[-1] = max(edges[-1], end)
+        else:
+            edges += [begin, end]
+    return np.array(edges, dtype=np.int64)
+
+
+def _sentences(events: pa.Table) -> list[str]:
+    """What is known of each event; when it began with all nanoseconds, since the viewer shortens times."""
+    begin, end = time_ns(events), time_ns(events, "end_time")
+    told = events.drop_columns(["time", "end_time"]).to_pylist()
+    when, lasts = iso_8601(begin).to_pylist(), (end - begin) * 1e-9
+    return [_sentence(*row) for row in zip(when, lasts.tolist(), told, strict=True)]
+
+
+def _sentence(when: str, lasts: float, event: Mapping[str, Any]) -> str:
+    value = "" if event["value"] is None else f"{event['value']:.6g} {event['unit'] or ''}".strip()
+    parts = [f"{when} {event['kind']}, {lasts:.3f} s long", value, event["note"], event.get("step")]
+    return "; ".join(part for part in parts if part)
+
+
+def _text(about: RunInfo, left_out: Sequence[str]) -> str:
+    """What made the run, as Markdown."""
+    manifest = about.manifest
+    inputs = ", ".join(str(part.get("name", "")) for part in manifest.get("inputs", []))
+    facts = {
+        "pipeline": manifest.get("pipeline", {}).get("name", ""),
+        "inputs": inputs,
+        "recon": manifest.get("recon", ""),
+    }
+    lines = [f"# {about.name}", "", *(f"- {name}: {value}" for name, value in facts.items() if value)]
+    lines += [f"- not in space, since its place about the common anchor is not known: {name}" for name in left_out]
+    lines += ["", "## Warnings", "", *(f"- {text}" for text in about.warnings)] if about.warnings else []
+    return "\n".join(lines) + "\n"

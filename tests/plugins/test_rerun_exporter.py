@@ -1,0 +1,396 @@
+"""exporter.rerun: numbers that read back, streams brought to one anchor, and what the real viewer shows of it.
+
+Plotted numbers, places on the map and times are doubles and integers in the file, so they read back exactly; positions
+in space and quaternions are of single precision, which is within 2^-24 of each number.
+"""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from exporter_tables import SECOND, START_NS, drive, fixes, happened
+from matplotlib.image import imread
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
+
+import recon
+from recon.api import export as export_run
+from recon.cli.view import _viewer
+from recon.comparison import overlay
+from recon.errors import DataError
+from recon.manifest import RunInfo
+from recon.numerics.geodesy import Anchor, geodetic_to_enu
+from recon.numerics.rotation import from_euler
+from recon.rows import Metric, metrics
+from recon.schema import FRAMES, IMU, TRAJECTORY
+from recon.tables import build, matrix, replace, time_ns, vector, with_meta
+from recon_exporters import rerun as module
+from recon_exporters.rerun import RerunParams
+
+SINGLE = 2.0**-24
+TENTHS = np.arange(0, 301) / 10
+ANCHOR = {"lat": 44.5, "lon": 11.3, "height": 100.0}
+TRAJECTORY_BLUE, GNSS_ORANGE, STANDSTILL_GREY = (0x56, 0xB4, 0xE9), (0xE6, 0x9F, 0x00), (0x80, 0x80, 0x80)
+MAP, BODY = np.s_[60:450, :640], np.s_[480:860, :640]
+PLOTS, EVENTS = np.s_[60:720, 650:1240], np.s_[750:860, 650:]
+"""Parts of the picture, where no notice of the viewer lies over it."""
+
+
+def export(folder: Path, about: RunInfo | None = None, rate: float | None = None, **streams: pa.Table) -> Path:
+    (path,) = module.rerun(streams=streams, folder=folder, about=about or RunInfo("run"), params=RerunParams(rate=rate))
+    assert path == folder / "run.rrd"
+    return path
+
+
+def chunks(path: Path, entity: str, *, static: bool = False) -> list[pa.RecordBatch]:
+    found = RrdReader(str(path)).stream()
+    return [c.to_record_batch() for c in found if c.entity_path == entity and c.is_static is static]
+
+
+def entities(path: Path) -> set[str]:
+    return {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
+
+
+def values(path: Path, entity: str, component: str, *, static: bool = False) -> np.ndarray:
+    """All values of a component, the rows below each other."""
+    column = pa.chunked_array([batch[component] for batch in chunks(path, entity, static=static)])
+    return np.array(column.combine_chunks().flatten().to_pylist())
+
+
+def when(path: Path, entity: str) -> np.ndarray:
+    """(n,) ns since 1970."""
+    column = pa.chunked_array([batch["time"] for batch in chunks(path, entity)])
+    return np.asarray(column.cast(pa.int64()).combine_chunks())
+
+
+def names(path: Path, plot: str) -> list[str]:
+    """Of the curves of a plot."""
+    found = sorted(entity for entity in entities(path) if entity.startswith(f"/plots/{plot}/"))
+    kinds = ("SeriesLines:names", "SeriesPoints:names")
+    batches = [batch for entity in found for batch in chunks(path, entity, static=True)]
+    return [batch[kind][0].as_py()[0] for batch in batches for kind in kinds if kind in batch.schema.names]
+
+
+def moving(rows: int = 301, **groups: Any) -> pa.Table:
+    rng = np.random.default_rng(3)
+    groups = {"accel": rng.normal(size=(rows, 3)), "gyro": rng.normal(size=(rows, 3)), **groups}
+    return drive(np.arange(rows) / 10, **groups)
+
+
+def test_the_record_keeps_the_rules_of_its_role():
+    (record,) = module.declare_exporters()
+    assert record.faults() == []
+
+
+def test_plotted_numbers_and_their_times_are_those_of_the_streams(tmp_path):
+    table = moving()
+    path = export(tmp_path, trajectory=table, gnss=fixes([0, 1, 2], speed=np.array([4.0, 5.0, 6.0])))
+    assert np.array_equal(values(path, "/plots/accel_x/0", "Scalars:scalars"), vector(table, "accel_x"))
+    assert np.array_equal(when(path, "/plots/accel_x/0"), time_ns(table))
+    assert values(path, "/plots/speed/1", "Scalars:scalars").tolist() == [4.0, 5.0, 6.0]
+    assert names(path, "speed") == ["trajectory", "gnss"]
+
+
+def test_all_numbers_of_a_sensor_are_there_with_angles_in_degrees(tmp_path):
+    rng = np.random.default_rng(4)
+    accel, gyro = rng.normal(size=(2, 50, 3))
+    table = build(IMU, time=START_NS + SECOND * np.arange(50), accel=accel, gyro=gyro)
+    path = export(tmp_path, imu=table)
+    assert np.array_equal(values(path, "/sensors/imu/accel", "Scalars:scalars").reshape(-1, 3), accel)
+    assert np.array_equal(values(path, "/sensors/imu/gyro", "Scalars:scalars").reshape(-1, 3), np.degrees(gyro))
+    assert not [entity for entity in entities(path) if entity.startswith(("/map", "/world/"))]
+
+
+def test_rows_without_a_number_are_left_out(tmp_path):
+    accel = np.ones((5, 3))
+    accel[2, 0] = np.nan
+    path = export(tmp_path, imu=build(IMU, time=START_NS + np.arange(5), accel=accel, gyro=np.zeros((5, 3))))
+    assert (when(path, "/sensors/imu/accel") - START_NS).tolist() == [0, 1, 3, 4]
+
+
+def test_places_on_the_map_are_exact(tmp_path):
+    table, gnss = moving(), fixes(np.arange(30))
+    path = export(tmp_path, trajectory=table, gnss=gnss)
+    for name, stream in (("trajectory", table), ("gnss", gnss)):
+        wanted = np.column_stack((vector(stream, "lat"), vector(stream, "lon")))
+        assert np.array_equal(values(path, f"/map/{name}/now", "GeoPoints:positions"), wanted)
+        assert np.array_equal(when(path, f"/map/{name}/now"), time_ns(stream))
+
+
+def test_poses_are_of_single_precision_with_the_scalar_last(tmp_path):
+    angles = np.random.default_rng(5).uniform(-1.5, 1.5, size=(3, 301))
+    table = moving(q=from_euler(*angles))
+    path = export(tmp_path, trajectory=table)
+    body = "/world/trajectory/body"
+    position, q = matrix(table, "pos"), matrix(table, "q")
+    assert np.all(np.abs(values(path, body, "Transform3D:translation") - position) <= SINGLE * np.abs(position))
+    assert np.abs(values(path, body, "Transform3D:quaternion") - q[:, [1, 2, 3, 0]]).max() <= SINGLE
+    assert np.array_equal(when(path, body), time_ns(table))
+
+
+def test_streams_of_different_anchors_are_brought_to_the_first(tmp_path):
+    """Both tables hold the same places on the Earth; the second counts from another one."""
+    other = {"lat": 44.51, "lon": 11.31, "height": 90.0}
+    table = moving()
+    lat, lon, height = (vector(table, name) for name in ("lat", "lon", "height"))
+    first, second = (
+        with_meta(replace(table, pos=geodetic_to_enu(lat, lon, height, Anchor(**anchor))), anchor=anchor, earth="wgs84")
+        for anchor in (ANCHOR, other)
+    )
+    path = export(tmp_path, trajectory=first, reference=second, gnss=fixes([0, 1]))
+    bodies = [values(path, f"/world/{name}/body", "Transform3D:translation") for name in ("trajectory", "reference")]
+    # Positions below 100 m are doubles of 1e-8 m about the centre of the Earth, then rounded to single precision.
+    assert np.abs(bodies[0] - bodies[1]).max() <= 2 * (100.0 * SINGLE + 1e-8)
+    # The fixes lie 1 deg north; their heights count from mean sea level, so they are drawn at that of the anchor.
+    wanted = geodetic_to_enu([45.5, 45.50001], [11.3, 11.30002], 100.0, Anchor(**ANCHOR))
+    found = values(path, "/world/gnss", "Points3D:positions", static=True)
+    assert np.all(np.abs(found - wanted) <= 2 * SINGLE * np.abs(wanted).max())
+
+
+def test_a_stream_without_a_place_is_told_of_and_left_out_of_space(tmp_path):
+    table = with_meta(moving(), anchor=ANCHOR)
+    lost = drive(TENTHS, lat=None, lon=None, height=None)
+    path = export(tmp_path, trajectory=table, reference=lost)
+    assert not [entity for entity in entities(path) if entity.startswith(("/world/reference", "/map/reference"))]
+    (text,) = values(path, "/about", "TextDocument:text", static=True)
+    assert "not in space" in text
+    assert text.rstrip().endswith("reference")
+
+
+def test_no_line_is_drawn_across_a_gap(tmp_path):
+    """30 s apart: with points every 0.1 s that is more than ten steps and more than 2 s."""
+    t_s = np.concatenate((np.arange(0, 10, 0.1), np.arange(40, 50, 0.1)))
+    path = export(tmp_path, trajectory=drive(t_s))
+    for entity, component in (
+        ("/world/trajectory/path", "LineStrips3D:strips"),
+        ("/map/trajectory/path", "GeoLineStrings:line_strings"),
+    ):
+        (batch,) = chunks(path, entity, static=True)
+        assert [len(strip) for strip in batch[component][0].as_py()] == [100, 100]
+
+
+def test_lines_have_ten_points_a_second_and_bodies_every_row(tmp_path):
+    path = export(tmp_path, trajectory=drive(np.arange(1001) / 100))
+    (batch,) = chunks(path, "/world/trajectory/path", static=True)
+    assert [len(strip) for strip in batch["LineStrips3D:strips"][0].as_py()] == [101]
+    assert len(when(path, "/world/trajectory/body")) == 1001
+
+
+def test_a_rate_thins_streams_and_leaves_events_alone(tmp_path):
+    path = export(tmp_path, rate=1.0, trajectory=moving(), events=happened((0, 1), (0.2, 0.3), (5, 6)))
+    assert len(when(path, "/world/trajectory/body")) == 31
+    assert len(when(path, "/events_as_text")) == 3
+
+
+def test_the_sensor_has_axes_of_its_own_where_its_mounting_is_known(tmp_path):
+    q = from_euler(0.3, 0.2, 0.1)
+    found = metrics([Metric(f"mount_q{axis}", float(part)) for axis, part in zip("wxyz", q, strict=True)])
+    path = export(tmp_path, trajectory=moving(), metrics=found)
+    (read,) = values(path, "/world/trajectory/body/sensor", "Transform3D:quaternion", static=True)
+    assert np.abs(read - q[[1, 2, 3, 0]]).max() <= SINGLE
+    (folder := tmp_path / "without").mkdir()
+    assert "/world/trajectory/body/sensor" not in entities(export(folder, trajectory=moving()))
+
+
+def test_events_have_lanes_and_texts(tmp_path):
+    """Those from 1 to 3 and from 2 to 4 overlap; the one without a length is 1/500 of the 30 s in its lane."""
+    table = happened((1, 3), (2, 4), (20, 20), note="told", value=2.5, unit="m")
+    path = export(tmp_path, trajectory=moving(), events=table)
+    lane = (when(path, "/events/standstill") - START_NS) / SECOND
+    assert lane.tolist() == [1.0, 4.0, 20.0, 20.06]
+    assert values(path, "/events/standstill", "StateChange:state").tolist() == ["standstill", ""] * 2
+    texts = values(path, "/events_as_text", "TextLog:text").tolist()
+    assert texts[1] == "2024-05-01T08:00:02.000Z standstill, 2.000 s long; 2.5 m; told"
+    assert np.array_equal(when(path, "/events_as_text"), time_ns(table))
+
+
+def test_several_runs_are_drawn_under_their_names(tmp_path):
+    first, second = (with_meta(moving(), run=name) for name in ("a/thesis", "b/thesis"))
+    path = export(tmp_path, trajectory=first, trajectory_2=second)
+    assert names(path, "accel_x") == ["a/thesis", "b/thesis"]
+    assert {r"/world/a\/thesis/body", r"/world/b\/thesis/body"} <= entities(path)
+
+
+def content(path: Path) -> dict[tuple[str, bool], list[Any]]:
+    """All columns of all chunks but the identifiers of rows and what the file says of itself."""
+    found: dict[tuple[str, bool], list[Any]] = {}
+    for chunk in RrdReader(str(path)).stream():
+        if not chunk.entity_path.startswith("/__properties"):
+            batch = chunk.to_record_batch()
+            columns = {name: batch[name].to_pylist() for name in batch.schema.names if not name.startswith("rerun.")}
+            found.setdefault((chunk.entity_path, chunk.is_static), []).append(columns)
+    return found
+
+
+def test_equal_streams_give_equal_files_but_for_the_identifiers_of_rows(tmp_path):
+    table = moving()
+    in_chunks = pa.concat_tables([table.slice(0, 100), table.slice(100)])
+    (tmp_path / "again").mkdir()
+    first, again = export(tmp_path, trajectory=table), export(tmp_path / "again", trajectory=in_chunks)
+    assert content(first) == content(again)
+
+
+def test_pictures_beside_the_log_are_taken_and_no_others(tmp_path):
+    log = tmp_path / "log"
+    (log / "camera").mkdir(parents=True)
+    (log / "camera" / "1.jpg").write_bytes(b"first picture")
+    (log / "camera" / "notes.txt").write_bytes(b"no picture")
+    (tmp_path / "secret.jpg").write_bytes(b"not of this log")
+    files = ["camera/1.jpg", "camera/2.jpg", "camera/notes.txt", "../secret.jpg", None]
+    rows = np.arange(len(files))
+    table = build(FRAMES, time=START_NS + rows, index=rows, file=pa.array(files, pa.string()))
+    about = RunInfo("run", {"environment": {"inputs": [str(log)]}})
+    path = export(tmp_path, about, trajectory=moving(), frames=table)
+    (batch,) = chunks(path, "/camera/frames")
+    assert bytes(batch["EncodedImage:blob"][0].as_py()[0]) == b"first picture"
+    assert when(path, "/camera/frames").tolist() == [START_NS]
+
+
+def test_streams_without_a_row_are_refused(tmp_path):
+    with pytest.raises(DataError, match="nothing to draw"):
+        export(tmp_path, trajectory=build(TRAJECTORY, time=np.zeros(0, dtype=np.int64)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_program_of_rerun_finds_the_file_whole(tmp_path):
+    path = export(tmp_path, trajectory=moving(), gnss=fixes(np.arange(30)), events=happened((1, 2)))
+    done = subprocess.run([_viewer(), "rrd", "verify", path], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_without_the_package_one_sentence_says_what_to_install():
+    lines = (
+        "import sys",
+        "sys.modules['rerun'] = None",
+        "from recon.errors import PluginError",
+        "from recon.manifest import RunInfo",
+        "from recon.testing.drives import drive",
+        "from recon_exporters.rerun import RerunParams, rerun",
+        "try: rerun(streams=drive(), folder=None, about=RunInfo(''), params=RerunParams())",
+        "except PluginError as error: sys.stdout.write(str(error))",
+    )
+    program = "\n".join(lines)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "exporter.rerun needs rerun-sdk\n  pip install recon-dynamics[rerun]"
+
+
+# --- real logs --------------------------------------------------------------------------------------------------------
+
+
+def test_a_real_drive_and_a_crash_become_whole_files(tmp_path, logs):
+    drives = {"drive": logs / "comma2k19_example" / "seg40", "crash": logs / "physycom_crash" / "crash_01.txt"}
+    runs = [recon.run("best_accuracy", source, tmp_path / name) for name, source in drives.items()]
+    for run in runs:
+        (path,) = export_run(run, ["rerun"])
+        table = run.trajectory.table
+        assert np.array_equal(values(path, "/plots/accel_z/0", "Scalars:scalars"), vector(table, "accel_z"))
+        assert len(when(path, "/world/trajectory/body")) == table.num_rows
+        assert len([entity for entity in entities(path) if entity.startswith("/plots/residuals_")])
+        assert ("/map/trajectory/now" in entities(path)) is (run is runs[0])  # the crash has no place on the Earth
+    (folder := tmp_path / "overlay").mkdir()
+    both = export(folder, **overlay(runs))
+    assert names(both, "speed")[:2] == ["drive", "crash"]
+
+
+# --- what the viewer shows --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[ViewerClient]:
+    """A viewer without a window, that only this machine can reach."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    options = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", "1600x900"]
+    process = subprocess.Popen([_viewer(), *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        yield _connected(process, port)
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def _connected(process: subprocess.Popen[str], port: int) -> ViewerClient:
+    end = time.monotonic() + 30.0
+    while process.poll() is None and time.monotonic() < end:
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+        except (RuntimeError, ConnectionError, ValueError):
+            time.sleep(0.2)
+        else:
+            return client
+    told = process.communicate()[1] if process.poll() is not None else ""
+    if "graphics adapter" in told:
+        pytest.skip("there is no Vulkan driver: Debian's is mesa-vulkan-drivers")
+    raise AssertionError(f"the viewer did not start: {told}")
+
+
+def picture(viewer: ViewerClient, folder: Path, until: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """(900, 1600, 3) of 0 to 255, as soon as it shows what it should: the viewer loads and draws bit by bit."""
+    path, end = folder / "shot.png", time.monotonic() + 60.0
+    while time.monotonic() < end:
+        viewer.save_screenshot(str(path))
+        pixels = np.rint(imread(path)[..., :3] * 255)
+        if until(pixels):
+            return pixels
+        time.sleep(0.3)
+    raise AssertionError(f"{path} does not show what it should")
+
+
+def near(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Pixels of a colour, but for what smooth edges and a transparent dot make of it."""
+    return np.abs(pixels - color).max(axis=-1) < 24
+
+
+def dot(pixels: np.ndarray) -> tuple[int, int] | None:
+    """Row and column of a large dot of the trajectory's colour, None where there is none: its line is no 9 px wide."""
+    windows = np.lib.stride_tricks.sliding_window_view(near(pixels, TRAJECTORY_BLUE), (9, 9))
+    row, column = np.unravel_index(windows.sum(axis=(2, 3)).argmax(), windows.shape[:2])
+    return (int(row), int(column)) if windows[row, column].mean() > 0.9 else None
+
+
+def test_the_viewer_opens_with_map_body_plots_and_events(tmp_path, viewer):
+    """To the left the map above the body, to the right the plots above the events."""
+    t_s = np.arange(601) / 10
+    speed = 5.0 + np.sin(t_s)
+    path = export(
+        tmp_path,
+        RunInfo("screenshot"),
+        trajectory=moving(601, vel=np.outer(speed, (0.6, 0.8, 0.0))),
+        gnss=fixes(np.arange(60), lat=44.5 + 1e-5 * np.arange(60), speed=np.full(60, 5.0)),
+        events=happened((10, 30)),
+    )
+    viewer.open(str(path))
+    pixels = picture(viewer, tmp_path, until=lambda pixels: near(pixels[PLOTS], TRAJECTORY_BLUE).sum() > 2000)
+    assert near(pixels[PLOTS], GNSS_ORANGE).sum() > 100
+    assert near(pixels[MAP], TRAJECTORY_BLUE).sum() > 200
+    assert near(pixels[MAP], GNSS_ORANGE).sum() > 30
+    assert near(pixels[BODY], TRAJECTORY_BLUE).sum() > 300
+    assert near(pixels[EVENTS], STANDSTILL_GREY).sum() > 1000
+    shown = [view for view in viewer.get_state().views if view.visible]
+    assert {view.view_class for view in shown} >= {"Map", "3D", "TimeSeries"}
+    assert [view.reports for view in shown if view.reports] == []
+
+
+def test_the_body_moves_with_the_clock(tmp_path, viewer):
+    """The drive goes north and east: on the map up and to the right."""
+    path = export(tmp_path, RunInfo("clock"), trajectory=moving(601))
+    viewer.open(str(path))
+    places = []
+    for t_s in (1, 59):
+        viewer.set_time("time", timestamp=np.datetime64(START_NS + t_s * SECOND, "ns"))
+        pixels = picture(viewer, tmp_path, until=lambda pixels: dot(pixels[MAP]) not in (None, *places))
+        places.append(dot(pixels[MAP]))
+    (first_row, first_column), (last_row, last_column) = places
+    assert last_row < first_row - 20
+    assert last_column > first_column + 20
