@@ -183,7 +183,7 @@ def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estima
 
 
 def mounting_metrics(found: Estimate) -> list[Metric]:
-    """The mounting that was found: angles of the box in the vehicle, and the quaternion that takes sensor to vehicle."""
+    """The mounting that was found: angles of the box in the vehicle, and the quaternion from sensor to vehicle."""
     rot_vs = found.solved.state.rot_vs
     q_vs = matrix_to_quat(rot_vs[..., None])[:, 0]
     yaw, pitch, roll = (float(np.degrees(a)) for a in to_euler(q_vs))
