@@ -11,22 +11,29 @@ from typer.main import get_command
 
 from recon import __version__
 from recon.cli import _console as console
+from recon.cli.batch import batch
+from recon.cli.compare import compare
 from recon.cli.convert import convert
 from recon.cli.demo import demo
 from recon.cli.evaluate import evaluate
 from recon.cli.export import export
+from recon.cli.fleet import fleet
 from recon.cli.inspect import inspect
 from recon.cli.new_plugin import new_plugin
 from recon.cli.plugins import plugins
 from recon.cli.run import run
 from recon.cli.schema import schema
 from recon.cli.validate import validate
+from recon.cli.view import view
 from recon.errors import ConfigError
 
 UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
-_VERBS: Final = (run, validate, inspect, evaluate, plugins, export, convert, demo, schema, new_plugin)
+_VERBS: Final = (
+    *(run, batch, fleet, validate, inspect, evaluate, compare),
+    *(plugins, export, view, convert, demo, schema, new_plugin),
+)
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name
 
 

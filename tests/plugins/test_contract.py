@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import read_back
 from array_logs import navego_gnss, navego_imu, navego_ref, save_mat, segment
@@ -22,6 +23,8 @@ from recon.tables import matrix, seconds, time_ns, vector
 from recon.testing import BoundLaw, Case, contract
 from recon.testing.drives import drive
 from recon.testing.samples import samples
+from recon_exporters.blender import BlenderParams
+from recon_exporters.plots import PlotsParams
 from recon_readers.csv import CsvParams
 
 FOLDER = Path(tempfile.gettempdir()) / f"recon-contract-{os.getpid()}"
@@ -88,6 +91,16 @@ def records() -> dict[str, Any]:
     }
 
 
+def few_columns() -> dict[str, pa.Table]:
+    """Of what a slow exporter draws: the laws run it for each column."""
+    trajectory = drive()["trajectory"].slice(0, 200)
+    return {
+        "trajectory": trajectory.select([n for n in trajectory.column_names if n[:4] in ("time", "pos_", "vel_")][:7]),
+        "gnss": drive()["gnss"].select(["time", "speed"]),
+        "events": drive()["events"],
+    }
+
+
 @contract(*WITHOUT_CASES)
 def test_stages(law: BoundLaw) -> None:
     law()
@@ -141,6 +154,11 @@ def test_reader_auto(law: BoundLaw) -> None:
     law()
 
 
+@contract("exporter.blender", cases=[Case(params=BlenderParams(blender="none"), read_back=read_back.blender)])
+def test_exporter_blender(law: BoundLaw) -> None:
+    law()
+
+
 @contract("exporter.csv", cases=[Case(read_back=read_back.csv)])
 def test_exporter_csv(law: BoundLaw) -> None:
     law()
@@ -168,6 +186,55 @@ def test_exporter_kml(law: BoundLaw) -> None:
 
 @contract("exporter.geojson", cases=[Case(read_back=read_back.geojson)])
 def test_exporter_geojson(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.mcap", cases=[Case(read_back=read_back.mcap)])
+def test_exporter_mcap(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.sbet", cases=[Case(read_back=read_back.sbet)])
+def test_exporter_sbet(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.hdf5", cases=[Case(read_back=read_back.hdf5)])
+def test_exporter_hdf5(law: BoundLaw) -> None:
+    law()
+
+
+RERUN_IDS = "Rerun gives every row of a file an identifier of its own, by clock and chance; a test compares the rest"
+
+
+@contract(
+    "exporter.rerun",
+    cases=[Case(read_back=read_back.rerun)],
+    expected_failures=dict.fromkeys(
+        ("same_input_twice_gives_same_output", "same_for_any_chunking", "same_after_parquet", "same_after_mcap"),
+        RERUN_IDS,
+    ),
+)
+def test_exporter_rerun(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.map", cases=[Case(read_back=read_back.street_map)])
+def test_exporter_map(law: BoundLaw) -> None:
+    law()
+
+
+@contract("exporter.report", cases=[Case(read_back=read_back.report)])
+def test_exporter_report(law: BoundLaw) -> None:
+    law()
+
+
+@contract(
+    "exporter.plots",
+    cases=[Case("small", PlotsParams(dots_per_inch=50), streams=few_columns())],
+    expected_failures={"files_read_back_to_the_same_numbers": "a picture; its curves have a test of their own"},
+)
+def test_exporter_plots(law: BoundLaw) -> None:
     law()
 
 

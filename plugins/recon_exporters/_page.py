@@ -1,0 +1,248 @@
+"""The HTML of a report. Numbers stand in <data value="..."> with all digits of the JSON, shown to what they mean."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any, Final
+
+from recon.storage.json_text import to_json
+
+Json = dict[str, Any]
+
+_TITLES: Final = {"distance": ("Distance", "m"), "top_speed": ("Top speed", "m/s"), "stops": ("Stops", "")}
+_SHORT: Final = 12
+"""Cells of so few characters are not broken."""
+_ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "deg"))
+
+
+def asset(name: str) -> str:
+    """A style sheet or script that lies beside the package's modules."""
+    return (files("recon_exporters") / name).read_text(encoding="utf-8")
+
+
+def embedded(data: Any) -> str:
+    """JSON that may stand inside <script>."""
+    return to_json(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def number(value: float | None, sigma: float | None = None, digits: int = 4) -> str:
+    """A number: to two digits of its sigma where there is one, else to so many significant digits, null as a dash."""
+    if value is None:
+        return "–"
+    return f'<data value="{value!r}">{shown(float(value), sigma, digits)}</data>'
+
+
+def shown(value: float, sigma: float | None = None, digits: int = 4) -> str:
+    """As `number`, as text alone."""
+    if sigma:
+        text = f"{value:.{max(1 - math.floor(math.log10(abs(sigma))), 0)}f}"
+    elif value and not 1e-4 <= abs(value) < 1e7:
+        text = f"{value:.{digits - 1}e}"
+    else:
+        places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
+        text = f"{value:.{max(places, 0)}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    return text.replace("-", "−")
+
+
+def page(facts: Json, track: str, charts: str, closeups: str, notes: Sequence[str]) -> str:
+    """The whole document."""
+    title = escape(facts["name"])
+    parts = [
+        f"<header><h1>{title}</h1>{_head(facts)}</header>",
+        _warnings(facts["warnings"]),
+        section("Track", track),
+        section("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
+        section("Crashes, closer", closeups),
+        section("Events and outages", _events(facts) + _outages(facts)),
+        section("Quality", _sigmas(facts) + _residuals(facts) + _errors(facts) + _estimates(facts)),
+        section("What the steps learnt and assumed", _learnt(facts)),
+        section("Inputs", _inputs(facts)),
+        section("How it was made", _made(facts, notes)),
+    ]
+    body = "\n".join(part for part in parts if part)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
+        f"<style>{asset('_page/report.css')}</style></head>\n<body><main>\n{body}\n</main>\n"
+        f'<script type="application/json" id="facts">{embedded(facts)}</script>\n'
+        f"<script>{asset('_page/report.js')}</script></body></html>\n"
+    )
+
+
+def section(title: str, content: str) -> str:
+    """A part under its title; "" without content."""
+    return f"<section><h2>{title}</h2>{content}</section>" if content else ""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
+    """Cells of HTML; columns that hold nothing are left out; "" without a row."""
+    found = [tuple(row) for row in rows]
+    used = [column for column in range(len(head)) if any(row[column] not in ("", "–") for row in found)]
+    if not used:
+        return ""
+    names = "".join(f"<th>{head[column]}</th>" for column in used)
+    lines = "".join("<tr>" + "".join(_cell(row[column]) for column in used) + "</tr>" for row in found)
+    told = f"<caption>{caption}</caption>" if caption else ""
+    return f"<table>{told}<thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"
+
+
+def _cell(content: str) -> str:
+    whole = content.startswith("<data") or len(content) <= _SHORT
+    return f'<td class="whole">{content}</td>' if whole else f"<td>{content}</td>"
+
+
+def _name(text: str | None) -> str:
+    """A name of ours, which may be broken behind its parts."""
+    return re.sub(r"([_./])", r"\1<wbr>", escape(text or ""))
+
+
+def _head(facts: Json) -> str:
+    summary, pipeline = facts["summary"], facts["pipeline"] or {}
+    cells = [
+        ("From", escape(_short(summary["start"]))),
+        ("Lasts", f"{number(summary.get('duration', summary['span']))} s"),
+    ]
+    for key, (title, unit) in _TITLES.items():
+        if key in summary:
+            kmh = f" ({shown(summary[key] * 3.6)} km/h)" if unit == "m/s" else ""
+            cells.append((title, f"{number(summary[key])} {unit}{kmh}".strip()))
+    cells.append(("Pipeline", escape(str(pipeline.get("name", "–")))))
+    return "<dl>" + "".join(f"<div><dt>{name}</dt><dd>{text}</dd></div>" for name, text in cells) + "</dl>"
+
+
+def _short(time: str) -> str:
+    """A time to the millisecond, for people."""
+    return f"{time[:10]} {time[11:23]}"
+
+
+def _warnings(warnings: Sequence[str]) -> str:
+    counts = {text: list(warnings).count(text) for text in dict.fromkeys(warnings)}
+    lines = "".join(f"<li>{escape(text)}{f' ({n} times)' if n > 1 else ''}</li>" for text, n in counts.items())
+    return f'<section class="warnings"><h2>Read this first</h2><ul>{lines}</ul></section>' if lines else ""
+
+
+def _events(facts: Json) -> str:
+    rows = (
+        (
+            number(row["t_s"], 0.01),
+            escape(_short(row["time"])),
+            number(row["duration"], 0.01),
+            escape(row["kind"] or ""),
+            "" if row["value"] is None else f"{number(row['value'])} {escape(row['unit'] or '')}",
+            escape(row["note"] or ""),
+            _name(row.get("step")),
+        )
+        for row in facts["events"]
+    )
+    head = ("after [s]", "time", "lasts [s]", "event", "value", "note", "step")
+    return table(head, rows) or "<p>No events were found.</p>"
+
+
+def _outages(facts: Json) -> str:
+    rows = (
+        (number(gap["t_s"], 0.01), escape(_short(gap["time"])), number(gap["duration"], 0.01), escape(gap["stream"]))
+        for gap in facts["outages"]
+    )
+    return table(("after [s]", "time", "lasts [s]", "stream"), rows, "GNSS that is silent")
+
+
+def _sigmas(facts: Json) -> str:
+    rows = (
+        (f"{row['name']} [{row['unit']}]", *(number(row[key], digits=3) for key in ("median", "p95", "max")))
+        for row in facts["sigmas"]
+    )
+    head = ("sigma of", "median", "95 %", "largest")
+    absent = "<p>The trajectory gives no standard deviations.</p>" if "distance" in facts["summary"] else ""
+    return table(head, rows, "Standard deviations of the trajectory (one sigma)") or absent
+
+
+def _residuals(facts: Json) -> str:
+    rows = (
+        (
+            escape(f"{row['sensor']} {row['component']}"),
+            *(number(row[key]) for key in ("accepted", "rejected")),
+            *(number(row[key], digits=3) for key in ("mean", "rms", "rms_in_sigmas")),
+            number(None if row["beyond_2_sigma"] is None else 100.0 * row["beyond_2_sigma"], digits=3),
+        )
+        for row in facts["residuals"]
+    )
+    head = ("residuals of", "accepted", "rejected", "mean", "rms", "rms / sigma (true: 1)", "beyond 2σ (true: 4.6) [%]")
+    return table(head, rows, "Measurements minus trajectory, in m, m/s or the sensor's own unit")
+
+
+def _errors(facts: Json) -> str:
+    errors = facts["errors"]
+    if errors is None:
+        return ""
+    rows = (
+        (f"{group}, {name} [{unit}]", *(number(part[key], digits=3) for key in ("rmse", "median", "p95", "max")))
+        for group, unit in _ERRORS
+        for name, part in errors.get(group, {}).items()
+        if part is not None
+    )
+    notes = "".join(f"<p>{escape(note)}</p>" for note in errors["notes"])
+    return table(("error of", "rms", "median", "95 %", "largest"), rows, "Errors against the reference") + notes
+
+
+def _is_estimate(row: Json) -> bool:
+    return row["sigma"] is not None or row["low"] is not None
+
+
+def _estimates(facts: Json) -> str:
+    rows = ((*_estimate(row), *_remarks(row)) for row in facts["metrics"] if _is_estimate(row))
+    head = ("estimate", "value", "± sigma", "from", "to", "unit", "method", "note", "step")
+    return table(head, rows, "Estimates with their uncertainty: mounting, biases, delays and others")
+
+
+def _estimate(row: Json) -> Sequence[str]:
+    value, sigma = row["value"], row["sigma"]
+    edges = [number(row[key], sigma) for key in ("low", "high")]
+    return _name(row["name"]), number(value, sigma), number(sigma, digits=2), *edges, escape(row["unit"] or "")
+
+
+def _remarks(row: Json) -> Sequence[str]:
+    return [escape(row["method"] or ""), escape(row["note"] or ""), _name(row.get("step"))]
+
+
+def _learnt(facts: Json) -> str:
+    rows = (
+        (_name(row["name"]), number(row["value"], digits=6), escape(row["unit"] or ""), *_remarks(row))
+        for row in facts["metrics"]
+        if not _is_estimate(row) and row["name"] != "warning"
+    )
+    return table(("name", "value", "unit", "method", "note", "step"), rows)
+
+
+def _inputs(facts: Json) -> str:
+    listed = [
+        (f"{entry['name']}/{part['name']}" if "files" in entry else part["name"], part["bytes"], part["sha256"])
+        for entry in facts["inputs"] or ()
+        for part in entry.get("files", [entry])
+    ]
+    rows = ((_name(name), number(size, digits=12), f"<code>{digest}</code>") for name, size, digest in listed)
+    return table(("file", "bytes", "SHA-256"), rows)
+
+
+def _made(facts: Json, notes: Sequence[str]) -> str:
+    versions = {"recon": facts["recon"], **facts["versions"]}
+    told = ", ".join(f"{escape(name)} {escape(str(text))}" for name, text in versions.items() if text)
+    steps = (
+        (_name(step["id"]), escape(f"{step['distribution']} {step['distribution_version']}"), _params(step["params"]))
+        for step in facts["plan"] or ()
+    )
+    text = escape((facts["pipeline"] or {}).get("text", ""))
+    return (
+        "".join(f"<p>{escape(note)}</p>" for note in notes)
+        + (f"<p>Made by {told}.</p>" if told else "")
+        + (f"<pre>{text}</pre>" if text else "")
+        + table(("step", "from", "parameters in SI"), steps)
+    )
+
+
+def _params(params: Json) -> str:
+    return ", ".join(f"{escape(name)}&nbsp;=&nbsp;{escape(to_json(value))}" for name, value in params.items())

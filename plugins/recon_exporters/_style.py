@@ -1,0 +1,53 @@
+"""How each role is drawn: colours of Okabe and Ito, that every eye tells apart, and marks that differ without them.
+
+References
+    Okabe, Ito (2008), "Color universal design: how to make figures and presentations that are friendly to colorblind
+    people".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+
+@dataclass(frozen=True)
+class Style:
+    """Colour, kind of mark, its width in px, and the dashes of a line."""
+
+    color: str
+    mark: Literal["line", "dots", "squares"] = "line"
+    width: float = 1.4
+    dashes: tuple[float, ...] = ()
+
+
+_LINES: Final = (("#0072B2", ()), ("#CC79A7", (7.0, 2.0)), ("#009E73", (2.0, 2.0)), ("#56B4E9", (7.0, 2.0, 2.0, 2.0)))
+STYLES: Final[Mapping[str, Style]] = {
+    **{f"trajectory {number}": Style(color, dashes=dashes) for number, (color, dashes) in enumerate(_LINES, start=1)},
+    "reference": Style("#000000", width=1.0, dashes=(4.0, 2.5)),
+    "gnss": Style("#E69F00", "dots", 3.2),
+    "wheel": Style("#56B4E9", "dots", 2.2),
+    "accepted": Style("#0072B2", "dots", 2.6),
+    "rejected": Style("#D55E00", "squares", 5.0),
+    "east": Style("#0072B2"),
+    "north": Style("#D55E00", dashes=(7.0, 2.0)),
+    "up": Style("#009E73", dashes=(2.0, 2.0)),
+    "x": Style("#0072B2"),
+    "y": Style("#D55E00"),
+    "z": Style("#009E73"),
+}
+EVENTS: Final[Mapping[str, str]] = {"standstill": "#999999", "outage": "#E69F00", "crash": "#D55E00"}
+OTHER_EVENT: Final = "#CC79A7"
+
+
+def style_of(role: str) -> Style:
+    """Style of a role; trajectories beyond the fourth look like the first four again."""
+    if role not in STYLES and role.startswith("trajectory "):
+        role = f"trajectory {(int(role.split()[1]) - 1) % len(_LINES) + 1}"
+    return STYLES[role]
+
+
+def layer(role: str) -> int:
+    """Lines lie over clouds of points, and what was rejected over both."""
+    return ("dots", "line", "squares").index(style_of(role).mark)

@@ -1,0 +1,130 @@
+"""The run as one page for people, and the same numbers for programs.
+
+    report.html    track, curves over time with bands of two sigma, residuals, events, crashes from close by, quality,
+                   estimates, inputs with hashes, pipeline; needs no network and no script, prints on A4
+    report.json    the numbers of its tables (see _facts)
+
+Curves of many rows are thinned for the eye (see _decimate), never those of a crash from close by; the page says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from recon.hookspecs import hookimpl
+from recon.manifest import RunInfo
+from recon.parameters import Params, quantity
+from recon.recording import Recording
+from recon.stages import Exporter
+from recon.storage.json_text import to_json
+from recon.tables import time_ns
+from recon_exporters._chart import Span, Window, events_key, figure
+from recon_exporters._decimate import SPANS
+from recon_exporters._facts import facts_of
+from recon_exporters._page import page
+from recon_exporters._panels import FARTHEST, Panel, panels_of
+from recon_exporters._track_map import track_map
+
+_BEFORE: Final = 1_000_000_000
+_AFTER: Final = 3_000_000_000
+"""Around a crash, ns."""
+_SHORTEST: Final = 1_000_000
+"""Span of a chart, ns."""
+_MOST_CRASHES: Final = 6
+
+
+class ReportParams(Params):
+    """Parameters of exporter.report."""
+
+    max_gap: float = quantity(
+        2.0,
+        "s",
+        gt=0,
+        doc="No line joins rows further apart; GNSS silent for longer, and for 3 usual steps, is an outage.",
+    )
+
+
+def report(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: ReportParams) -> list[Path]:
+    """Write `folder/report.html` and `folder/report.json`; their paths."""
+    facts = facts_of(streams, about, params.max_gap)
+    drawn = _drawings(streams, params.max_gap)
+    text = page(facts, drawn.track, drawn.charts, drawn.closeups, drawn.notes)
+    paths = [folder / "report.html", folder / "report.json"]
+    for path, content in zip(paths, (text, to_json(facts, indent=1) + "\n"), strict=True):
+        path.write_text(content, encoding="utf-8", errors="backslashreplace")
+    return paths
+
+
+@dataclass(frozen=True)
+class Drawings:
+    """Figures as HTML, and what one must know of them."""
+
+    track: str
+    charts: str
+    closeups: str
+    notes: Sequence[str]
+
+
+def _drawings(streams: Mapping[str, pa.Table], max_gap: float) -> Drawings:
+    recorded = Recording(streams).span_ns()
+    if recorded is None:
+        return Drawings("", "", "", ("The run holds no rows.",))
+    spans, panels = _spans(streams.get("events")), panels_of(streams)
+    start = recorded[0]
+    lasts = [int(curve.t_ns[-1]) for panel in panels for curve in panel.curves]
+    whole = Window(start, max([*lasts, start + _SHORTEST]), start)
+    charts = events_key(spans) + "".join(figure(panel, whole, spans, max_gap) for panel in panels)
+    closeups = _closeups(panels, spans, start, max_gap)
+    return Drawings(track_map(streams, spans, start, max_gap), charts, closeups, _notes(whole, start, panels))
+
+
+def _spans(events: pa.Table | None) -> list[Span]:
+    if events is None:
+        return []
+    kinds = [kind or "event" for kind in events["kind"].to_pylist()]
+    times = (time_ns(events, name).tolist() for name in ("time", "end_time"))
+    return [Span(*row) for row in zip(*times, kinds, strict=True)]
+
+
+def _closeups(panels: Sequence[Panel], spans: Sequence[Span], zero_ns: int, max_gap: float) -> str:
+    """The motion around the first crashes, with every row that there is."""
+    found = []
+    for span in [span for span in spans if span.kind == "crash"][:_MOST_CRASHES]:
+        window = Window(span.start_ns - _BEFORE, span.end_ns + _AFTER, zero_ns)
+        shown = [panel for panel in panels if panel.group in ("motion", "sensors")]
+        figures = "".join(figure(panel, window, spans, max_gap) for panel in shown)
+        title = f"<h3>Crash {(span.start_ns - zero_ns) * 1e-9:.2f} s after the start</h3>"
+        found.append(f'{title}<div class="charts">{figures}</div>' if figures else "")
+    return "".join(found)
+
+
+def _notes(window: Window, zero_ns: int, panels: Sequence[Panel]) -> list[str]:
+    """What was left out or moved for the eye, in words."""
+    notes = ["Seconds count from the first row of the run. Bands are two standard deviations to either side."]
+    if any(len(curve.t_ns) > 2 * SPANS for panel in panels for curve in panel.curves):
+        width = (window.end_ns - window.start_ns) * 1e-9 / SPANS
+        notes.append(
+            f"Curves of more than {2 * SPANS} rows are thinned for the eye: of each {width:.3g} s they show the lowest "
+            "and the highest value, and of single points one of every few besides. Tables, and charts of crashes from "
+            "close by, rest on every row."
+        )
+    if any(panel.group == "residuals" for panel in panels):
+        notes.append(f"Residuals beyond {FARTHEST:g} sigma are drawn there.")
+    return notes
+
+
+@hookimpl
+def declare_exporters() -> Iterable[Exporter]:
+    """The exporter of reports."""
+    yield Exporter(
+        name="report",
+        summary="One page for people that works offline and prints: track, curves, quality, inputs; also as JSON.",
+        params=ReportParams,
+        run=report,
+        every_stream=True,
+    )

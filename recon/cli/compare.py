@@ -1,0 +1,113 @@
+"""`recon compare`: finished runs side by side, and laid over each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, registry_of
+from recon.cli._results import accounted
+from recon.problems import shortened
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from recon.api import Run
+    from recon.comparison import Comparison, Row
+
+LONGEST: Final = 60
+"""Characters of a value that people are shown."""
+
+
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of finished runs.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="A result with all trajectories laid over each other.")
+    ] = None,
+    exports: Annotated[
+        list[str] | None, typer.Option("--export", metavar="NAME", help="Exporters of that result: plots, rerun, ...")
+    ] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Show results that are the same, or that one run alone has, too.")
+    ] = False,
+    overwrite: Overwrite = False,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare finished runs: how they were made, what they found, how far their trajectories are apart.
+
+    Example: recon compare drive-thesis drive-best_accuracy --out both --export plots
+    """
+    from recon import api, comparison
+    from recon.errors import ConfigError
+    from recon.pipeline import Pipeline
+    from recon.problems import Problem, Where
+
+    if exports and out is None:
+        raise ConfigError([Problem(Where("--export"), "no-folder", "an export needs a folder", "add --out DIR")])
+    registry = registry_of(blocked, first_party_only)
+    finished = [api.open(run) for run in runs]
+    found = comparison.compare(finished)
+    made = {"the overlay": out} if out is not None else {}
+    with accounted(made):
+        overlay: Run | None = None
+        if out is not None:
+            together = comparison.overlay(finished)
+            overlay = api.execute(
+                Pipeline("compare", ()), together, out, [], registry=registry, exports=exports or ["plots"],
+                overwrite=overwrite,
+            )  # fmt: skip
+        if as_json:
+            console.write_json({**found.as_data(), "overlay": str(out) if overlay else None})
+        else:
+            console.write(as_text(found, overlay, everything=everything))
+
+
+def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False) -> str:
+    """The comparison for people: a line each, values below each other."""
+    from recon.cli._results import exported
+
+    shown = [row for row in found.results if everything or (row.differs and row.everywhere)]
+    parts = [
+        _section("made differently", found.runs, found.settings),
+        _section("found" if everything else "found differently", found.runs, shown),
+        _distances(found),
+    ]
+    if overlay is not None:
+        files = [("export", str(path)) for path in exported(overlay)]
+        parts.append("laid over each other\n" + console.table([*files, ("result", str(overlay.folder))]))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _section(title: str, runs: Sequence[str], rows: Sequence[Row]) -> str:
+    if not rows:
+        return f"{title}: nothing"
+    named = [(f"{row.name} [{row.unit}]" if row.unit else row.name, *map(_cell, row.values)) for row in rows]
+    return console.table([(title, *runs), *named])
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else shortened(str(value), LONGEST)
+
+
+def _distances(found: Comparison) -> str:
+    head = (f"distance from {found.runs[0]}", "rms", "95 %", "largest")
+    rows: list[tuple[str, ...]] = [head]
+    for distance in found.distances:
+        if distance.found is None:
+            rows.append((distance.run, distance.reason, "", ""))
+            continue
+        groups = {"position": "m", "velocity": "m/s", "attitude": "deg"}
+        for group, unit in groups.items():
+            for name, figure in getattr(distance.found, group).items():
+                if figure is not None:
+                    cells = (f"{value:.3f}" for value in (figure.rmse, figure.p95, figure.max))
+                    rows.append((f"{distance.run}: {group}, {name} [{unit}]", *cells))
+        rows += [(f"{distance.run}: {note}", "", "", "") for note in distance.found.notes]
+    return console.table(rows)

@@ -1,0 +1,107 @@
+"""`recon compare` and recon.comparison: runs side by side, and laid over each other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import recon
+from recon import Recording, matrix, replace
+from recon.cli import main
+from recon.comparison import compare, names_of, overlay
+from recon.errors import DataError
+from recon.rows import Metric, metrics
+from recon.storage import write_recording
+from recon.tables import meta
+from recon.testing.drives import drive
+
+TRUTH = drive()["reference"].slice(0, 1500)
+STEPS = "steps:\n  - use: reader.auto\n"
+
+
+def made(folder: Path, name: str, *, shift: float = 0.0, bias: float = 1.0, trajectory: bool = True) -> recon.Run:
+    """A run whose trajectory is the truth, some m to the east."""
+    table = replace(TRUTH, pos=matrix(TRUTH, "pos") + np.array([shift, 0.0, 0.0]))
+    learnt = metrics([Metric("bias", bias, "m/s^2"), Metric("bias", 7.0, "m/s^2"), Metric("warning", note="beware")])
+    streams = {"trajectory" if trajectory else "reference": table, "gnss": drive()["gnss"], "metrics": learnt}
+    log = folder / f"{name}-log"
+    write_recording(Recording(streams), log)
+    pipeline = folder / "own.yaml"
+    pipeline.write_text(STEPS, encoding="utf-8")
+    return recon.run(pipeline, log, folder / name)
+
+
+def test_what_differs_stands_side_by_side(tmp_path):
+    found = compare([made(tmp_path, "a"), made(tmp_path, "b", shift=3.0, bias=2.0)])
+    assert found.runs == ("a", "b")
+    results = {row.name: row for row in found.results}
+    bias = next(row for name, row in results.items() if name.endswith(".bias"))
+    assert (bias.unit, bias.values, bias.differs) == ("m/s^2", (1.0, 2.0), True)
+    again = next(row for name, row in results.items() if name.endswith(".bias 2"))
+    assert (again.values, again.differs) == ((7.0, 7.0), False)
+    assert not any(name.endswith("warning") for name in results)
+    assert [row.name for row in found.settings] == ["inputs"]
+
+
+def test_trajectories_are_held_against_the_first(tmp_path):
+    (distance,) = compare([made(tmp_path, "a"), made(tmp_path, "b", shift=3.0)]).distances
+    assert distance.run == "b"
+    assert distance.found is not None
+    horizontal = distance.found.position["horizontal"]
+    assert horizontal is not None
+    assert horizontal.rmse == pytest.approx(3.0, abs=1e-9)  # positions of some 100 m in doubles
+
+
+def test_a_run_without_a_trajectory_has_no_distance(tmp_path):
+    first, second = made(tmp_path, "a"), made(tmp_path, "b", trajectory=False)
+    (distance,) = compare([first, second]).distances
+    assert (distance.found, distance.reason) == (None, "no trajectory")
+    assert list(overlay([first, second])) == ["trajectory", "gnss"]
+    with pytest.raises(DataError, match="none of the runs"):
+        overlay([second])
+
+
+def test_one_run_is_no_comparison(tmp_path):
+    with pytest.raises(DataError, match="two runs"):
+        compare([made(tmp_path, "a")])
+
+
+def test_runs_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    for part in ("x", "y"):
+        (tmp_path / part).mkdir()
+    assert names_of([made(tmp_path / "x", "a"), made(tmp_path / "y", "a")]) == ("x/a", "y/a")
+
+
+def test_an_overlay_holds_every_trajectory_as_it_is(tmp_path):
+    runs = [made(tmp_path, "a"), made(tmp_path, "b", shift=3.0)]
+    found = overlay(runs)
+    assert list(found) == ["trajectory", "trajectory_2", "gnss"]
+    assert [meta(found[name])["run"] for name in ("trajectory", "trajectory_2")] == ["a", "b"]
+    assert np.array_equal(matrix(found["trajectory_2"], "pos"), matrix(runs[1].recording["trajectory"], "pos"))
+
+
+def test_the_command_tells_people_and_writes_an_overlay(tmp_path, capsys):
+    made(tmp_path, "a"), made(tmp_path, "b", shift=3.0, bias=2.0)
+    out = tmp_path / "both"
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "b: position, horizontal [m]" in told
+    assert "3.000" in told
+    assert (out / "exports" / "plots" / "track.png").is_file()
+    assert list(recon.open(out).recording) == ["trajectory", "trajectory_2", "gnss"]
+
+
+def test_the_command_tells_programs(tmp_path, capsys):
+    made(tmp_path, "a"), made(tmp_path, "b", shift=3.0)
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data["runs"], data["overlay"]) == (["a", "b"], None)
+    assert data["distances"][0]["found"]["position"]["total"]["max"] == pytest.approx(3.0, abs=1e-9)
+
+
+def test_an_export_without_a_folder_is_refused(tmp_path, capsys):
+    assert main(["compare", str(tmp_path), str(tmp_path), "--export", "plots"]) == 2
+    assert "an export needs a folder" in capsys.readouterr().err

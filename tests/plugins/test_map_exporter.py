@@ -1,0 +1,85 @@
+"""exporter.map: the places and speeds of the streams, on a page that asks nobody for anything where it is a file."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import opened, pixels, seen
+from exporter_tables import drive, fixes, happened
+
+from recon.errors import DataError
+from recon.manifest import RunInfo
+from recon.tables import vector
+from recon_exporters.map import StreetMapParams, declare_exporters, street_map
+
+TENTHS = np.arange(0, 301) / 10
+
+
+def export(
+    folder: Path, *, trajectory=None, gnss=None, events=None, name="run", **params
+) -> tuple[Path, dict[str, Any]]:
+    (path,) = street_map(
+        trajectory=trajectory, gnss=gnss, events=events, folder=folder, about=RunInfo(name),
+        params=StreetMapParams(**params),
+    )  # fmt: skip
+    (data,) = re.findall(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)
+    return path, json.loads(data)
+
+
+def test_the_record_keeps_the_rules_of_its_role():
+    (record,) = declare_exporters()
+    assert record.faults() == []
+
+
+def test_places_and_speeds_are_those_of_the_stream(tmp_path):
+    table = drive(TENTHS)
+    _, data = export(tmp_path, trajectory=table)
+    (piece,) = data["tracks"][0]["pieces"]
+    places = np.array(piece["place"])
+    assert np.abs(places[:, 0] - vector(table, "lat")).max() <= 0.51e-9  # half of the last digit that is written
+    assert np.abs(places[:, 1] - vector(table, "lon")).max() <= 0.51e-9
+    assert piece["speed"] == [5.0] * 301
+    assert piece["time"][1] == "2024-05-01T08:00:00.100Z"
+
+
+def test_a_drive_over_the_antimeridian_goes_on(tmp_path):
+    lon = (179.9999 + 1e-6 * np.arange(301) + 180.0) % 360.0 - 180.0
+    _, data = export(tmp_path, trajectory=drive(TENTHS, lon=lon))
+    (piece,) = data["tracks"][0]["pieces"]
+    assert np.diff([place[1] for place in piece["place"]]) == pytest.approx(np.full(300, 1e-6), abs=2e-9)
+
+
+def test_a_log_without_a_place_is_told_so(tmp_path):
+    with pytest.raises(DataError, match="which a map needs"):
+        export(tmp_path, trajectory=drive(TENTHS, lat=None, lon=None))
+
+
+def test_it_opens_from_a_file_on_a_blank_ground_without_an_error(tmp_path):
+    gnss = fixes(np.arange(30), lat=44.5001 + 1e-5 * np.arange(30))
+    path, _ = export(tmp_path, trajectory=drive(TENTHS), gnss=gnss, events=happened((3, 4)), name="<b>drive</b>")
+    document, console = opened(path, tmp_path / "profile")
+    assert console == []
+    assert 'data-ready="1"' in document
+    assert "&lt;b&gt;drive&lt;/b&gt;" in document
+    assert "no street map: grid of" in document
+    assert "tile.openstreetmap.org/" not in re.sub(r"<script.*?</script>", "", document, flags=re.DOTALL)
+    picture = seen(path, tmp_path / "profile", 900, 600)
+    assert pixels(picture, "#0072b2", 25) > 500
+    assert pixels(picture, "#e69f00") > 200
+
+
+def test_the_page_itself_loads_no_address(tmp_path):
+    path, _ = export(tmp_path, trajectory=drive(TENTHS))
+    text = path.read_text(encoding="utf-8")
+    assert re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(?!data:)[^"]*"', text) == []
+    assert "sourceMappingURL" not in text
+
+
+def test_other_tiles_are_taken_as_they_are_named(tmp_path):
+    _, data = export(tmp_path, trajectory=drive(TENTHS), tiles="https://t.example/{z}/{x}/{y}", attribution="<me>")
+    assert (data["tiles"], data["attribution"]) == ("https://t.example/{z}/{x}/{y}", "&lt;me&gt;")

@@ -1,0 +1,89 @@
+"""exporter.plots: figures of what there is, whose curves read back as the rows of the streams."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from browser import pixels
+from exporter_tables import drive, fixes, happened
+
+from recon.errors import DataError, PluginError
+from recon.manifest import RunInfo
+from recon_exporters.plots import PlotsParams, declare_exporters, plots
+
+SVG = "{http://www.w3.org/2000/svg}"
+T_S = np.arange(0, 30.01, 0.1)
+SPEED = 10.0 + np.sin(T_S)
+VEL = np.column_stack((SPEED, 0.0 * SPEED, 0.0 * SPEED))
+
+
+def streams(**others: Any) -> dict[str, Any]:
+    return {"trajectory": drive(T_S, vel=VEL, vel_std=np.full((len(T_S), 3), 0.1)), **others}
+
+
+def export(folder: Path, made: dict[str, Any], **params: Any) -> dict[str, Path]:
+    paths = plots(streams=made, folder=folder, about=RunInfo("run"), params=PlotsParams(**params))
+    return {path.stem: path for path in paths}
+
+
+def test_the_record_keeps_the_rules_of_its_role():
+    (record,) = declare_exporters()
+    assert record.faults() == []
+
+
+def test_there_is_a_figure_for_all_that_can_be_drawn(tmp_path):
+    made = export(tmp_path, streams(gnss=fixes(np.arange(30)), events=happened((3, 4))))
+    assert list(made) == ["track", "motion", "attitude"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in made.values())
+
+
+def test_a_curve_of_an_svg_reads_back_as_the_rows_of_the_stream(tmp_path):
+    """The least squared map of drawn to true values leaves what 6 digits of an SVG's coordinates leave."""
+    root = ElementTree.parse(export(tmp_path, streams(), format="svg")["motion"]).getroot()
+    (group,) = [node for node in root.iter(f"{SVG}g") if node.get("id") == "speed:trajectory"]
+    line = next(group.iter(f"{SVG}path")).get("d") or ""
+    drawn = np.array(re.findall(r"[ML] (-?[\d.]+) (-?[\d.]+)", line), dtype=float)
+    assert len(drawn) == len(T_S)
+    for column, wanted in ((0, T_S), (1, SPEED)):
+        fit = np.polyfit(drawn[:, column], wanted, 1)
+        step = abs(fit[0]) * 1e-5  # units of the drawing, to 1e-6 rounded in points
+        assert np.abs(np.polyval(fit, drawn[:, column]) - wanted).max() < step
+
+
+def test_the_picture_shows_the_curve(tmp_path):
+    from matplotlib.image import imread
+
+    picture = np.rint(imread(export(tmp_path, streams())["motion"])[..., :3] * 255)
+    assert picture.shape[1] == pytest.approx(170 / 25.4 * 200, abs=1)
+    assert pixels(picture, "#0072b2") > 1000
+
+
+def test_equal_runs_give_equal_bytes(tmp_path):
+    for kind in ("png", "svg"):
+        (tmp_path / kind).mkdir()
+        first, second = export(tmp_path, streams(), format=kind), export(tmp_path / kind, streams(), format=kind)
+        assert all(first[name].read_bytes() == second[name].read_bytes() for name in first)
+
+
+def test_nothing_to_draw_is_said(tmp_path):
+    with pytest.raises(DataError, match="nothing to draw"):
+        export(tmp_path, {})
+
+
+def test_without_matplotlib_one_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(PluginError) as caught:
+        export(tmp_path, streams())
+    assert str(caught.value) == "exporter.plots needs matplotlib\n  pip install recon-dynamics[report]"
+
+
+def test_the_module_loads_without_matplotlib():
+    code = "import recon_exporters.plots, sys; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
