@@ -129,7 +129,8 @@ def measured(imu: pa.Table) -> pa.Table:
 
     raises : DataError where half of them or more do not
     """
-    known = np.isfinite(matrix(imu, "accel", gaps=True) + matrix(imu, "gyro", gaps=True)).all(axis=1)
+    six = np.concatenate([matrix(imu, group, gaps=True) for group in ("accel", "gyro")], axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(six).all(axis=1))
     if known.all():
         return imu
     if 2 * known.sum() <= len(known):

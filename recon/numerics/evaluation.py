@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -66,7 +67,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    @property
+    @cached_property
     def step_ns(self) -> float:
         """Median time between rows, infinite for fewer than two."""
         return float(np.median(np.diff(self.t_ns))) if len(self) > 1 else float("inf")

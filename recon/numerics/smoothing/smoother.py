@@ -70,6 +70,8 @@ MOST_STEPS: Final = 30
 _C2: Final = 16.0
 """Squared normalised residual of three components beyond which a fix is an outlier."""
 _CAUCHY_C2: Final = 9.0
+_VELOCITIES_IN_DOUBT: Final = 0.3
+"""Share of them that is put aside; their unit may be wrong."""
 _GROWTH: Final = 100.0
 """Factor by which the truncation sharpens from step to step."""
 _SHARP: Final = 30.0
@@ -220,6 +222,7 @@ class Smoother:
                 _squared(velocity, self.drive.fixes, self.epochs),
             )
             weights, sharpness = _robust(squared, loss, sharpness, count)
+            weights = _together(*weights, self.epochs.fix >= 0)
             self._assemble(state, noise, gravity, count)
             add_inertial(self.normal, inertial_jacobian(state, increments, gravity, self.earth_rate_n), white)
             add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau)
@@ -421,6 +424,15 @@ def _squared(measured: Measured, fixes: Fixes, epochs: Epochs) -> Floats:
     """Squared normalised residuals of the fixes at the epochs: (E,)."""
     share = fixes.share[epochs.fix]
     return np.asarray((measured.residual**2).sum(axis=0) / share)
+
+
+def _together(position: Floats, velocity: Floats, fixes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """A position is trusted no more than the velocity of its fix, unless velocities themselves are in doubt.
+
+    A reflection that stays for many fixes looks like a slow error of the position, but not of the velocity.
+    """
+    doubtful = bool(fixes.any()) and float((velocity[fixes] < 0.5).mean()) > _VELOCITIES_IN_DOUBT
+    return (position if doubtful else np.minimum(position, velocity)), velocity
 
 
 def _robust(

@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.signals import rolling_std
+from recon.numerics.signals import rolling_std, runs
 from recon.numerics.smoothing.samples import Samples
 
 Floats = NDArray[np.float64]
@@ -45,6 +45,7 @@ LEAST_LIMITS: Final = (np.radians(0.02), 0.005)
 """rad/s, m/s^2; below the noise of boxes in vehicles, for data that are too clean."""
 MOST_LIMITS: Final = (np.radians(0.3), 0.3)
 """rad/s, m/s^2; root sum square over the axes. Rolling cars show 0.37 deg/s and more, standing ones 0.05 to 0.25."""
+_MEAN_SHARE: Final = 0.5
 NEAR_S: Final = 1.5
 """s; a fix tells the speed this far to both sides."""
 FEWEST: Final = 3.0
@@ -162,7 +163,18 @@ def find_stops(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> tuple[Mask
     if limits is None:
         return nothing, None
     allowed = np.where(np.isnan(windows.speed), limits.alone, windows.speed <= limits.speed)
-    return _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half), limits
+    still = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
+    return _without_creep(still, windows.speed, limits), limits
+
+
+def _without_creep(still: Mask, speed: Floats, limits: Limits) -> Mask:
+    """The spans whose fixes are as slow on average as those of a standing receiver: half of what one alone may show."""
+    standing = still.copy()
+    for first, stop in runs(still):
+        told = speed[first:stop]
+        if np.isfinite(told).any() and float(np.nanmean(told)) > _MEAN_SHARE * limits.speed:
+            standing[first:stop] = False
+    return standing
 
 
 def _limits(windows: _Windows) -> Limits | None:

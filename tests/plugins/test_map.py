@@ -1,0 +1,198 @@
+"""fuser.map keeps its contract: streams, metrics, events, residuals, errors that say what is missing, doubts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from map_drives import drive, errors, fused, numbers, scaled, without
+
+from recon import KNOTS, RESIDUALS, TRAJECTORY, Streams, matrix, meta, time_ns, vector
+from recon.errors import DataError
+from recon.rows import warnings_of
+from recon.tables import conform, select_rows, times
+
+OUTAGE = (150.0, 190.0)
+
+
+@pytest.fixture(scope="module")
+def streams() -> Streams:
+    return drive("mixed", seed=31, duration=300.0, outages=(OUTAGE,))
+
+
+@pytest.fixture(scope="module")
+def found(streams: Streams) -> Streams:
+    return fused(streams)
+
+
+def test_the_streams_have_the_columns_that_are_declared(found):
+    for name, schema in (("trajectory", TRAJECTORY), ("knots", KNOTS), ("residuals", RESIDUALS)):
+        conform(found[name], schema, stream=name, step="fuser.map")
+
+
+def test_the_trajectory_has_the_rows_of_the_imu(streams, found):
+    assert (time_ns(found["trajectory"]) == time_ns(streams["imu"])).all()
+
+
+def test_fewer_rows_may_be_asked_for_and_are_the_same(streams, found):
+    thin = fused(streams, output_rate=10.0)["trajectory"]
+    assert thin.num_rows == 3000
+    at = np.searchsorted(time_ns(found["trajectory"]), time_ns(thin))
+    np.testing.assert_allclose(matrix(thin, "pos"), matrix(found["trajectory"], "pos")[at], rtol=0.0, atol=1e-9)
+
+
+def test_position_and_place_are_the_same_point(found):
+    trajectory = found["trajectory"]
+    anchor = meta(trajectory)["anchor"]
+    # Near the anchor a degree of latitude is 111.1 km; the drive is some km long, the formula good to a thousandth.
+    north = (vector(trajectory, "lat") - anchor["lat"]) * 111.1e3
+    assert np.abs(north - matrix(trajectory, "pos")[:, 1]).max() < 0.003 * np.abs(north).max() + 0.1
+
+
+def test_specific_force_and_gravity_make_the_acceleration_of_the_truth(streams, found):
+    truth = matrix(streams["reference"], "accel")
+    # Vibration and noise are in the log, so only the mean is compared: it is as good as the level, 0.035 deg of 9.8.
+    assert np.abs((matrix(found["trajectory"], "accel") - truth).mean(axis=0)).max() < 0.01
+
+
+def test_standstills_and_the_outage_are_events(streams, found):
+    start = time_ns(streams["imu"])[0]
+    spans = {"standstill": [], "outage": []}
+    for event in found["events"].to_pylist():
+        spans[event["kind"]].append(((event["time"].value - start) * 1e-9, (event["end_time"].value - start) * 1e-9))
+    # The fixes of each second end before the outage and begin again with it.
+    (outage,) = spans["outage"]
+    assert outage == pytest.approx((OUTAGE[0] - 1.0, OUTAGE[1]), abs=0.01)
+    truth = streams["reference"]
+    t_s = (time_ns(truth) - start) * 1e-9
+    speed = np.sqrt((matrix(truth, "vel") ** 2).sum(axis=1))
+    for first, last in spans["standstill"]:
+        # The limit above which no fix belongs to a standstill, see smoothing.stops.
+        assert speed[(t_s > first) & (t_s < last)].max() < 0.6
+    # It stands for 30 s to begin with; the first and the last second of a stop may be missed.
+    assert spans["standstill"][0] == pytest.approx((0.0, 30.0), abs=2.0)
+
+
+def test_every_fix_has_its_residuals_in_sigmas(streams, found):
+    residuals = found["residuals"]
+    # But for those at the very ends of the record, which lie in no interval between knots.
+    assert 6 * (streams["gnss"].num_rows - 2) <= residuals.num_rows <= 6 * streams["gnss"].num_rows
+    taken = vector(residuals, "weight") > 0.5
+    size = np.sqrt(np.mean((vector(residuals, "value") / vector(residuals, "sigma"))[taken] ** 2))
+    # 1500 residuals that are partly one error: within a quarter of one.
+    assert 0.75 < size < 1.25
+
+
+def test_bursts_are_put_aside_and_good_fixes_are_not(streams, found):
+    t_ns = time_ns(found["residuals"])
+    bad = np.zeros(len(t_ns), dtype=bool)
+    for event in streams["events"].to_pylist():
+        if event["kind"] == "multipath":
+            bad |= (t_ns >= event["time"].value) & (t_ns <= event["end_time"].value)
+    assert bad.any()
+    names = np.array(found["residuals"]["component"].to_pylist())
+    place = np.char.startswith(names.astype(str), "pos")
+    accepted = np.array(found["residuals"]["accepted"].to_pylist())
+    assert accepted[place & ~bad].mean() > 0.98
+    assert accepted[place & bad].mean() < 0.5
+
+
+def test_metrics_tell_what_was_estimated_near_the_truth(streams, found):
+    ours, true = numbers(found), numbers(streams)
+    sigma = {row["name"]: row["sigma"] for row in found["metrics"].to_pylist()}
+    for name in ("mount_yaw", "mount_pitch", "lever_arm_x", "lever_arm_y", "accel_bias_z", "gyro_bias_x"):
+        # Four sigmas of any one value; biases wander by what the class says, 0.01 at most here.
+        assert abs(ours[name] - true[f"true_{name}"]) < 4.0 * sigma[name] + 0.02 * name.startswith(("accel", "gyro")), (
+            name
+        )
+
+
+def test_twice_the_same_is_the_same_and_arguments_are_left_alone(streams, found):
+    before = {name: streams[name] for name in ("imu", "gnss")}
+    again = fused(streams)
+    assert again["trajectory"].equals(found["trajectory"])
+    assert all(streams[name].equals(table) for name, table in before.items())
+
+
+@pytest.mark.parametrize("sensors", ["study_one", "study_two", "consumer_mems"])
+def test_an_ordinary_drive_raises_no_doubt(sensors):
+    assert warnings_of(fused(drive("mixed", sensors, seed=33, duration=420.0))["metrics"]) == []
+
+
+def rows(stream, keep):
+    return lambda s: {**s, stream: select_rows(s[stream], np.arange(s[stream].num_rows)[keep])}
+
+
+def moved(seconds):
+    def edit(s):
+        gnss = s["gnss"]
+        at = gnss.column_names.index("time")
+        later = times(time_ns(gnss) + int(seconds * 1e9))
+        return {**s, "gnss": gnss.set_column(at, gnss.schema.field(at), later)}
+
+    return edit
+
+
+def blank(stream, column, some):
+    def edit(s):
+        table = s[stream]
+        at = table.column_names.index(column)
+        values = np.array(vector(table, column, gaps=True))
+        values[some] = np.nan
+        return {**s, stream: table.set_column(at, table.schema.field(at), pa.array(values))}
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (rows("gnss", slice(0, 0)), "not enough GNSS"),
+        (rows("gnss", slice(0, 1)), "not enough GNSS"),
+        (rows("imu", slice(0, 0)), "too short"),
+        (rows("imu", slice(0, 2)), "too short"),
+        (moved(1e5), "during the imu's record"),
+        (blank("imu", "gyro_z", slice(None)), "0 of 30000 rows"),
+        (scaled(("accel_x", "accel_y", "accel_z"), 1.0 / 9.81, "imu"), "is its unit g"),
+        (scaled(("lat",), 3.0), "latitudes beyond 90 deg"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_is_said(streams, edit, says):
+    with pytest.raises(DataError, match=says):
+        fused(streams, edit)
+
+
+@pytest.mark.parametrize("hide", [(), ("vel_e", "vel_n", "vel_u", "speed", "course")])
+def test_a_vehicle_that_never_moves_has_no_heading(hide):
+    standing = drive("rest", seed=3, duration=200.0)
+    with pytest.raises(DataError, match="no motion to find the heading"):
+        fused(standing, without(*hide))
+
+
+def test_gnss_with_holes_is_used_where_it_is_there(streams):
+    def edit(s):
+        return blank("gnss", "height", slice(10, 60))(blank("gnss", "speed", slice(5, 90))(blank(
+            "gnss", "lat", slice(20, 40))(s)))  # fmt: skip
+
+    assert errors(streams, fused(streams, edit)).horizontal() < 1.6 * 2.1
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (scaled(("speed", "vel_e", "vel_n", "vel_u"), 3.6), "km/h"),
+        (scaled(("lat", "lon"), 0.0), "do not trust the positions"),
+        (moved(20.0), "do not trust"),
+    ],
+)  # fmt: skip
+def test_what_is_not_to_be_trusted_says_so(streams, edit, says):
+    assert any(says in note for note in warnings_of(fused(streams, edit)["metrics"]))
+
+
+def test_latitude_and_longitude_in_each_others_place_are_doubted(streams):
+    def edit(s):
+        names = [{"lat": "lon", "lon": "lat"}.get(name, name) for name in s["gnss"].column_names]
+        return {**s, "gnss": s["gnss"].rename_columns(names)}
+
+    notes = warnings_of(fused(streams, edit)["metrics"])
+    assert any("are lat and lon right?" in note for note in notes)
