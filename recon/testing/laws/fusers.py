@@ -31,7 +31,7 @@ SAME: Final = 1e-3
 """m, m/s, rad. What may change is gravity with height (3e-6 m/s^2 per metre) and rounding; a thousandth of the noise
 of a fix is far above both and far below what a forgotten axis does.
 """
-SAME_SIGMAS: Final = 0.5
+SAME_SIGMAS: Final = 1.0
 """Of the sigma, where one is given: the Earth does not turn with the world, nor do an error's east and north that a
 fuser tells apart; a forgotten axis is off by many sigmas.
 """
