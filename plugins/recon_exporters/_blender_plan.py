@@ -1,0 +1,303 @@
+"""A drive as a film: what moves, at which frame, as data that Blender's builder script turns into a scene.
+
+    frame(t) = 1 + fps * integral of dt / slowness(t)        slowness: `slow_motion` around a crash, 1 elsewhere
+
+`scene.json` holds names, counts and places, `scene.npz` the arrays below. Axes are those of the local frame, x east,
+y north, z up, in m about `origin`, which is the first key: single precision, all that Blender knows, is fine there.
+
+    time            (n,) ns since 1970 of the keys: rows of the trajectory, the first of each frame, and the last row
+    frame           (n,) where each key stands in the film; the frame of a row is a fraction
+    elapsed         (n,) s after the start of the trajectory
+    position, q     (n, 3) m; (n, 4) scalar first, vehicle to local, sign-continuous
+    speed           (n,) m/s, magnitude of the velocity
+    wheel_angle     (n,) rad, forward speed integrated over the radius of a wheel
+    steering        (n,) rad, to the left, of a bicycle of that wheelbase with that yaw rate and speed
+    follow          (n, 3) m, a camera behind and above, that turns as the heading does, smoothed
+    path_*, strip, tube, fixes, ground_*    see _blender_shapes
+    ghost_*         (k,) frame, (k, 3) m position, (k, 4) q of a second trajectory
+
+References
+    Rajamani (2012), "Vehicle Dynamics and Control", 2.2: kinematic bicycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.errors import DataError
+from recon.manifest import RunInfo
+from recon.numerics.integration import cumulative
+from recon.numerics.rotation import conjugate, rotate, sign_continuous, to_euler
+from recon.numerics.signals import differentiate, median_rate, moving_average
+from recon.parameters import Params, quantity, setting
+from recon.placing import anchor_of
+from recon.rows import spans
+from recon.tables import Array, matrix, meta, time_ns
+from recon_exporters._blender_shapes import about_anchor, fixes_of, ground_of, path_of
+from recon_exporters._tracks import iso_8601
+
+Json = dict[str, Any]
+Times = NDArray[np.int64]
+
+VERSION: Final = 1
+WHEELBASE: Final = 2.65
+"""m; with the radius that of a usual passenger car, since no log tells its own."""
+WHEEL_RADIUS: Final = 0.32
+"""m"""
+LARGEST_STEERING: Final = np.radians(38.0)
+SLOW: Final = 1.0
+"""m/s below which a yaw rate says less and less about the wheels."""
+SMOOTHING: Final = 0.5
+"""s over which yaw is averaged before its rate is taken."""
+FOLLOWING: Final = 1.5
+"""s over which the camera behind averages place and heading."""
+BEHIND: Final = (-8.5, 2.0, 3.2)
+"""m forward, to the left and up from the vehicle to the camera that follows it."""
+_NS: Final = 1e9
+
+
+class SceneParams(Params):
+    """What is filmed, and how fast."""
+
+    fps: int = setting(25, ge=1, le=1000, doc="Frames in a second of the film.")
+    start: float = quantity(0.0, "s", ge=0, doc="Where the film begins, after the start of the trajectory.")
+    end: float | None = quantity(
+        None, "s", gt=0, doc="Where it ends, after the start of the trajectory; none: its end."
+    )
+    slow_motion: float = setting(1.0, ge=1, le=1000, doc="How many times slower the film runs around a crash.")
+    slow_span: float = quantity(1.0, "s", ge=0, le=3600, doc="How long before and after a crash it runs slowly.")
+    vertical: bool = setting(True, doc="Does the vehicle rise and sink? Otherwise everything lies in one plane.")
+    max_gap: float = quantity(2.0, "s", gt=0, doc="GNSS that is silent for longer is an outage: the path is dashed.")
+    tube: float = setting(0.0, ge=0, le=100, doc="Standard deviations that a tube around the path shows; 0 for none.")
+    ghost: str = setting(
+        "", doc="A second vehicle, translucent: a stream like 'reference', or the folder of another run."
+    )
+
+
+@dataclass(frozen=True)
+class Film:
+    """How time becomes frames: piecewise linear through (seconds, frames); start_ns is second 0."""
+
+    start_ns: int
+    seconds: Array
+    frames: Array
+
+    def elapsed(self, t_ns: Times) -> Array:
+        """(n,) s after the start of the trajectory."""
+        return np.asarray((t_ns - self.start_ns) / _NS)
+
+    def frame_of(self, t_ns: Times) -> Array:
+        """(n,) frames, counted from 1, the fraction kept; times outside of the film are taken to its ends."""
+        return np.asarray(np.interp(self.elapsed(t_ns), self.seconds, self.frames))
+
+    def shows(self, t_ns: Times) -> NDArray[np.bool_]:
+        """(n,) does the film show these times?"""
+        elapsed = self.elapsed(t_ns)
+        return np.asarray((elapsed >= self.seconds[0]) & (elapsed <= self.seconds[-1]))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rows of a trajectory whose place, attitude and velocity are known.
+
+    t_ns : (n,); position : (n, 3) m; q : (n, 4); velocity : (n, 3) m/s, local; std : (n, 3) m, NaN if unknown
+    """
+
+    t_ns: Times
+    position: Array
+    q: Array
+    velocity: Array
+    std: Array
+
+
+def plan(
+    trajectory: pa.Table,
+    gnss: pa.Table | None,
+    events: pa.Table | None,
+    ghost: pa.Table | None,
+    about: RunInfo,
+    params: SceneParams,
+) -> tuple[Json, dict[str, NDArray[Any]]]:
+    """The scene: what `scene.json` and `scene.npz` hold.
+
+    Raises DataError where no row of the trajectory that the film shows has a place, an attitude and a velocity.
+    """
+    motion = motion_of(trajectory)
+    film = film_of(motion.t_ns, spans(events, "crash"), params)
+    rows = keyed_rows(film, motion.t_ns)
+    origin = motion.position[rows[0]]
+    flat = np.array([1.0, 1.0, 1.0 if params.vertical else 0.0])
+    motion = replace(motion, position=(motion.position - origin) * flat)
+    position = motion.position[rows]
+    frame, anchor = film.frame_of(motion.t_ns[rows]), anchor_of(trajectory)
+    keys: dict[str, NDArray[Any]] = {
+        "time": motion.t_ns[rows],
+        "frame": frame,
+        "elapsed": film.elapsed(motion.t_ns[rows]),
+        "position": position,
+        "q": sign_continuous(motion.q[rows]),
+        "speed": np.linalg.norm(motion.velocity[rows], axis=1),
+        **{name: values[rows] for name, values in wheels(motion).items()},
+        "follow": follow(motion)[rows],
+    }
+    outages = silences(gnss, motion.t_ns, params.max_gap)
+    keys |= path_of(
+        position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(motion.t_ns[rows], outages)
+    )
+    keys |= ground_of(keys["path_position"])
+    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor)
+    keys |= _second(ghost, film, origin, flat, trajectory)
+    scene = {
+        "recon_scene": VERSION,
+        "name": about.name,
+        "fps": params.fps,
+        "frames": max(1, int(np.ceil(frame[-1]))),
+        "start": iso_8601(motion.t_ns[rows[:1]])[0].as_py(),
+        "time_scale": meta(trajectory).get("time_scale", ""),
+        "axes": "x east, y north, z up, m about the origin",
+        "origin": origin.tolist(),
+        "anchor": None if anchor is None else {"lat": anchor.lat, "lon": anchor.lon, "height": anchor.height},
+        "wheelbase": WHEELBASE,
+        "wheel_radius": WHEEL_RADIUS,
+        "markers": _markers(events, outages if gnss is not None else [], film),
+        "warnings": list(about.warnings),
+    }
+    return scene, keys
+
+
+def motion_of(trajectory: pa.Table) -> Motion:
+    """The rows that can be shown. Raises DataError where there is none."""
+    position, q, velocity = (matrix(trajectory, name, gaps=True) for name in ("pos", "q", "vel"))
+    known = np.flatnonzero(np.isfinite(np.hstack((position, q, velocity))).all(axis=1))
+    if not len(known):
+        raise DataError("no row of trajectory has a position, an attitude and a velocity")
+    there = "pos_std_e" in trajectory.column_names
+    std = matrix(trajectory, "pos_std", gaps=True)[known] if there else np.full((len(known), 3), np.nan)
+    return Motion(time_ns(trajectory)[known], position[known], q[known], velocity[known], std)
+
+
+def film_of(t_ns: Times, crashes: list[tuple[int, int]], params: SceneParams) -> Film:
+    """How the times of a trajectory become frames.
+
+    t_ns : (n,) rising; crashes : first and last ns of each
+    Raises DataError where the window holds no row.
+    """
+    start = int(t_ns[0])
+    first = params.start
+    last = float(t_ns[-1] - start) / _NS
+    last = last if params.end is None else min(last, params.end)
+    rows = (t_ns - start >= first * _NS) & (t_ns - start <= last * _NS)
+    if not rows.any():
+        raise DataError(
+            f"no row of trajectory lies from {first:g} s to {last:g} s after its start",
+            f"it lasts {float(t_ns[-1] - start) / _NS:.3f} s",
+        )
+    slow = np.array([((a - start) / _NS - params.slow_span, (b - start) / _NS + params.slow_span) for a, b in crashes])
+    slow = slow.reshape(-1, 2)
+    cuts = np.unique(np.clip(np.concatenate(([first, last], slow.ravel())), first, last))
+    middle = 0.5 * (cuts[1:] + cuts[:-1])
+    slowly = ((middle[:, None] > slow[:, 0]) & (middle[:, None] < slow[:, 1])).any(axis=1)
+    lasts = np.diff(cuts) * np.where(slowly, params.slow_motion, 1.0) * params.fps
+    return Film(start, cuts, 1.0 + np.concatenate(([0.0], np.cumsum(lasts))))
+
+
+def keyed_rows(film: Film, t_ns: Times) -> NDArray[np.intp]:
+    """Rows that become keys: of those that the film shows the first of each frame, and the last of all."""
+    shown = np.flatnonzero(film.shows(t_ns))
+    frame = np.floor(film.frame_of(t_ns[shown]) + 1e-6)  # a row on a frame belongs to it, whatever was rounded
+    kept = np.concatenate(([True], np.diff(frame) > 0))
+    kept[-1] = True
+    return np.asarray(shown[kept])
+
+
+def wheels(motion: Motion) -> dict[str, Array]:
+    """Angle to which the wheels have rolled, and angle by which the front ones are steered, (n,) rad, of every row.
+
+    tan(steering) = wheelbase * yaw_rate / v; at a crawl, where that says nothing, it fades with v^2 / (v^2 + SLOW^2).
+    """
+    t_s = (motion.t_ns - motion.t_ns[0]) / _NS
+    forward = rotate(conjugate(motion.q), motion.velocity)[:, 0]
+    rolled = cumulative(t_s, forward, "trapezoid") / WHEEL_RADIUS
+    if len(t_s) < 2:
+        return {"wheel_angle": rolled, "steering": np.zeros(len(t_s))}
+    yaw = moving_average(np.unwrap(to_euler(motion.q)[0]), _window(motion, SMOOTHING))
+    steering = np.arctan(WHEELBASE * differentiate(t_s, yaw) * forward / (forward**2 + SLOW**2))
+    return {"wheel_angle": rolled, "steering": steering.clip(-LARGEST_STEERING, LARGEST_STEERING)}
+
+
+def follow(motion: Motion) -> Array:
+    """(n, 3) m: a camera behind the vehicle that neither shakes nor jumps with it."""
+    window = _window(motion, FOLLOWING)
+    yaw = moving_average(np.unwrap(to_euler(motion.q)[0]), window)
+    center = moving_average(motion.position, window)
+    ahead, left, up = BEHIND
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    offset = np.column_stack((ahead * cos - left * sin, ahead * sin + left * cos, np.full(len(yaw), up)))
+    return np.asarray(center + offset)
+
+
+def _window(motion: Motion, span: float) -> int:
+    """Odd number of rows in a span of s."""
+    rate = median_rate(motion.t_ns) if len(motion.t_ns) > 1 else 0.0
+    return 2 * int(0.5 * span * rate) + 1
+
+
+def silences(gnss: pa.Table | None, t_ns: Times, max_gap: float) -> list[tuple[int, int]]:
+    """From and to, ns, where GNSS says nothing for more than `max_gap` s; all of a drive without GNSS."""
+    told = time_ns(gnss) if gnss is not None else np.zeros(0, dtype=np.int64)
+    ends = np.concatenate((t_ns[:1], told[(told > t_ns[0]) & (told < t_ns[-1])], t_ns[-1:]))
+    long = np.flatnonzero(np.diff(ends) > max_gap * _NS)
+    return [(int(ends[row]), int(ends[row + 1])) for row in long]
+
+
+def during(t_ns: Times, found: list[tuple[int, int]]) -> NDArray[np.bool_]:
+    """(n,) do these times lie inside of one of the spans, which do not overlap?"""
+    starts, ends = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    return np.asarray(np.searchsorted(starts, t_ns, side="left") > np.searchsorted(ends, t_ns, side="right"))
+
+
+def _second(
+    ghost: pa.Table | None, film: Film, origin: Array, flat: Array, trajectory: pa.Table
+) -> Mapping[str, NDArray[Any]]:
+    """Keys of the ghost. Raises DataError where the film shows no row of it in the frame of the trajectory."""
+    if ghost is None:
+        return {}
+    position = about_anchor(ghost, anchor_of(trajectory))
+    q, t_ns = matrix(ghost, "q", gaps=True), time_ns(ghost)
+    known = np.flatnonzero(np.isfinite(np.hstack((position, q))).all(axis=1) & film.shows(t_ns))
+    if not len(known):
+        raise DataError(
+            "the film shows no row of the ghost whose place beside the trajectory is known",
+            "the two need a common time, and a common anchor or latitude and longitude",
+        )
+    rows = known[keyed_rows(film, t_ns[known])]
+    return {
+        "ghost_frame": film.frame_of(t_ns[rows]),
+        "ghost_position": (position[rows] - origin) * flat,
+        "ghost_q": sign_continuous(q[rows]),
+    }
+
+
+def _markers(events: pa.Table | None, outages: list[tuple[int, int]], film: Film) -> list[Json]:
+    """Events and outages that begin while the film runs, by the frame nearest to their beginning."""
+    found = [(begin, "outage", (end - begin) / _NS, "s") for begin, end in outages]
+    if events is not None:
+        told = events.select(["kind", "value", "unit"]).to_pylist()
+        begins = time_ns(events).tolist()
+        found += [
+            (begin, row["kind"] or "event", row["value"], row["unit"] or "")
+            for begin, row in zip(begins, told, strict=True)
+        ]
+    marks = []
+    for begin, kind, value, unit in sorted(found, key=lambda mark: mark[0]):
+        at = np.array([begin])
+        if film.shows(at)[0]:
+            name = kind if value is None else f"{kind} {value:.1f} {unit}".rstrip()
+            marks.append({"frame": round(float(film.frame_of(at)[0])), "kind": kind, "name": name})
+    return marks

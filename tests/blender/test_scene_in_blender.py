@@ -1,0 +1,241 @@
+"""The scene as Blender itself has it: curves, places, markers, pictures.
+
+RECON_BPY_PYTHON names a Python that has bpy; Blender on the path is tried beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from exporter_tables import drive, fixes, happened
+
+from recon.manifest import RunInfo
+from recon.numerics.rotation import from_euler, to_matrix
+from recon.tables import matrix, replace, time_ns, with_meta
+from recon_exporters.blender import BlenderParams, blender, find_blender
+
+INSIDE = Path(__file__).with_name("look_inside.py")
+SINGLE = 2.0**-24
+"""Relative rounding to single precision."""
+SLOW_FRAME, SOLVED_FRAME, FAST_FRAME = 26, 140, 201
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A scene that Blender opened: its plan, its keys, and what it told."""
+
+    plan: Any
+    arrays: dict[str, Any]
+    curves: dict[str, Any]
+    facts: Any
+    folder: Path
+
+    def picture(self, frame: int) -> Any:
+        """(180, 320, 3) between 0 and 1, as displayed."""
+        from matplotlib.image import imread
+
+        return imread(self.folder / f"seen_{frame}.png")[..., :3]
+
+
+def a_drive():
+    """Ten seconds that gain speed on a curve uphill, nose up as the slope is, with a quaternion that changes sign."""
+    t_s = np.arange(0.0, 10.001, 0.01)
+    speed, yaw, pitch = 2.0 + 1.8 * t_s, 0.15 * t_s, np.full(len(t_s), -0.05)
+    velocity = speed[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw), np.full(len(t_s), 0.05)))
+    position = np.cumsum(velocity, axis=0) * 0.01 + (300.0, -200.0, 40.0)
+    q = from_euler(yaw, pitch, 0.0) * np.where(np.arange(len(t_s)) % 300 < 150, 1.0, -1.0)[:, None]
+    anchor = {"lat": 44.5, "lon": 11.3, "height": 100.0}
+    std = np.full((len(t_s), 3), 0.1)
+    return with_meta(drive(t_s, pos=position, vel=velocity, q=q, pos_std=std), anchor=anchor, earth="wgs84")
+
+
+def look(program: list[str], folder: Path) -> Seen:
+    script = [*program, str(INSIDE)] + (["--"] if "--python" in program else [])
+    frames = f"{SLOW_FRAME},{SOLVED_FRAME},{FAST_FRAME}"
+    quiet = {**os.environ, "PYTHONPATH": ""}
+    done = subprocess.run([*script, str(folder), frames], capture_output=True, text=True, env=quiet, check=False)
+    assert (folder / "found.npz").is_file(), done.stdout + done.stderr
+    with np.load(folder / "scene.npz") as arrays, np.load(folder / "found.npz") as curves:
+        facts = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+        plan = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+        return Seen(plan, dict(arrays), dict(curves), facts, folder)
+
+
+def bpy_python() -> str:
+    named = os.environ.get("RECON_BPY_PYTHON", "")
+    if not named:
+        pytest.skip("RECON_BPY_PYTHON does not name a Python that has bpy")
+    return named
+
+
+def blender_on_the_path() -> str:
+    found = shutil.which("blender")
+    if found is None:
+        pytest.skip("there is no program 'blender'")
+    return found
+
+
+@pytest.fixture(scope="module", params=[bpy_python, blender_on_the_path])
+def program(request) -> str:
+    return request.param()
+
+
+@pytest.fixture(scope="module")
+def seen(program, tmp_path_factory) -> Seen:
+    folder = tmp_path_factory.mktemp("scene")
+    trajectory = a_drive()
+    paths = blender(
+        trajectory=trajectory,
+        gnss=fixes(np.arange(0.0, 4.0, 1.0), lat=np.full(4, 44.4982), lon=11.3038 + 2e-5 * np.arange(4.0)),
+        events=happened((8.0, 8.1), kind="crash", value=50.0, unit="m/s^2"),
+        streams={"reference": replace(trajectory, pos=matrix(trajectory, "pos") + np.array([0.0, 0.0, 30.0]))},
+        folder=folder,
+        about=RunInfo("a drive"),
+        params=BlenderParams(blender=program, ghost="reference", tube=2.0),
+    )
+    assert folder / "scene.blend" in paths
+    assert not list(folder.rglob("__pycache__"))
+    return look(find_blender(program), folder)
+
+
+def test_curves_hold_the_trajectory_at_every_key(seen):
+    trajectory = a_drive()
+    rows = np.searchsorted(time_ns(trajectory), seen.arrays["time"])
+    position = matrix(trajectory, "pos")[rows] - seen.plan["origin"]
+    q = matrix(trajectory, "q")[rows]
+    for axis in range(3):
+        curve = seen.curves[f"vehicle location {axis}"]
+        assert np.abs(curve[:, 1] - position[:, axis]).max() <= SINGLE * np.abs(position[:, axis]).max()
+        assert np.abs(curve[:, 0] - seen.arrays["frame"]).max() <= SINGLE * 251
+    found = np.stack([seen.curves[f"vehicle rotation_quaternion {axis}"][:, 1] for axis in range(4)], axis=1)
+    # One rotation has two signs; the product of two unit quaternions misses 1 by the roundings of four terms.
+    assert np.abs(np.abs(np.sum(found * q, axis=1)) - 1.0).max() < 8 * SINGLE
+    assert (np.sum(found[1:] * found[:-1], axis=1) > 0.9).all()
+
+
+def test_wheels_and_display_are_animated_by_the_same_keys(seen):
+    for name, values in (
+        ("wheel rear left rotation_euler 1", seen.arrays["wheel_angle"]),
+        ("hub front right rotation_euler 2", seen.arrays["steering"]),
+        ('numbers nodes["speed"].outputs[0].default_value 0', 3.6 * seen.arrays["speed"]),
+        ('numbers nodes["time"].outputs[0].default_value 0', seen.arrays["elapsed"]),
+        ('vehicle ["speed"] 0', seen.arrays["speed"]),
+        ("ghost location 2", seen.arrays["ghost_position"][:, 2]),
+    ):
+        assert np.abs(seen.curves[name][:, 1] - values).max() <= SINGLE * np.abs(values).max(), name
+
+
+def test_the_vehicle_stands_where_the_trajectory_says_with_its_nose_and_roof_there(seen):
+    for frame in (SLOW_FRAME, FAST_FRAME):
+        pose = np.array(seen.facts["moments"][str(frame)]["vehicle"])
+        row = np.searchsorted(seen.arrays["frame"], frame - 1e-6)
+        # Frames of 0.04 s fall on rows of 0.01 s; a matrix is made of products of four roundings.
+        assert np.abs(pose[:3, 3] - seen.arrays["position"][row]).max() < 1e-4
+        assert np.abs(pose[:3, :3] - to_matrix(seen.arrays["q"][row])).max() < 1e-4
+
+
+def test_the_file_tells_its_length_its_events_and_where_on_the_earth_it_is(seen):
+    assert (seen.facts["fps"], seen.facts["frames"]) == (25, [1, 251])
+    assert seen.facts["markers"] == [["outage 7.0 s", 76], ["crash 50.0 m/s^2", 201]]
+    assert seen.facts["camera"] == "camera follow"
+    told = seen.facts["properties"]
+    assert [told[name] for name in ("anchor_lat", "anchor_lon", "anchor_height")] == [44.5, 11.3, 100.0]
+    assert told["origin"] == seen.plan["origin"]
+    assert told["start"] == "2024-05-01T08:00:00.000Z"
+
+
+def test_everything_that_is_promised_is_in_the_scene(seen):
+    cameras = {f"camera {name}" for name in ("follow", "top", "driver", "overview")}
+    parts = {"vehicle", "ghost", "body", "path", "ground", "strip", "sun", "GNSS fixes", "doubt"}
+    assert cameras | parts <= set(seen.facts["objects"])
+
+
+def test_what_the_display_writes_changes_with_the_speed(seen):
+    slow, fast = (np.array(seen.facts["moments"][str(frame)]["letters"]) for frame in (SLOW_FRAME, FAST_FRAME))
+    assert len(slow)
+    assert slow.shape != fast.shape or not np.array_equal(slow, fast)
+    # Letters 0.040 high, of a plate that is 0.235 wide and 0.13 high.
+    assert (np.ptp(fast[:, 1]) < 0.13, 0.03 < np.ptp(fast[:, 0]) < 0.235) == (True, True)
+
+
+def test_a_picture_shows_the_car_upright_in_its_middle_under_a_bright_sky(seen):
+    picture = seen.picture(FAST_FRAME)
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    paint = (blue > 0.25) & (blue > 2.5 * red) & (blue > 1.2 * green)
+    rows, columns = np.nonzero(paint)
+    assert len(rows) > 300
+    assert (60 < rows.mean() < 140, 110 < columns.mean() < 210) == (True, True)
+    tail_lamp = (red > 0.4) & (red > 2.5 * green) & (red > 2.5 * blue)
+    assert tail_lamp.sum() > 10
+    assert np.nonzero(tail_lamp)[0].mean() > rows.min()  # the lamps are below the roof
+    assert picture[:10].mean() > 0.5
+
+
+def test_a_picture_shows_white_letters_on_a_dark_plate(seen):
+    plate = seen.picture(FAST_FRAME)[134:164, 8:72]
+    assert np.median(plate) < 0.45
+    assert 40 < (plate.min(axis=-1) > 0.8).sum() < 900
+
+
+def test_the_solver_lets_the_vehicle_slide_as_far_as_friction_does(program, tmp_path):
+    """v^2 / (2 mu g) after the handover, to a tenth: Bullet is made for looks, and claims no more for its contacts."""
+    t_s = np.arange(0.0, 6.001, 0.01)
+    position, velocity = np.outer(t_s, (10.0, 0.0, 0.0)), np.tile((10.0, 0.0, 0.0), (len(t_s), 1))
+    blender(
+        trajectory=drive(t_s, pos=position, vel=velocity, q=from_euler(np.zeros(len(t_s)), 0.0, 0.0)),
+        gnss=None,
+        events=happened((0.9, 1.0), kind="crash"),
+        streams={},
+        folder=tmp_path,
+        about=RunInfo("a slide"),
+        params=BlenderParams(blender=program, solver=True, friction=0.5, restitution=0.0),
+    )
+    seen = look(find_blender(program), tmp_path)
+    before, after = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (SLOW_FRAME, SOLVED_FRAME))
+    assert np.abs(before[:3, 3] - (10.0, 0.0, 0.0)).max() < 0.04  # a step of the solver
+    assert after[0, 3] - 10.0 == pytest.approx(10.0**2 / (2 * 0.5 * 9.81), rel=0.1)
+    assert np.abs(after[1:3, 3]).max() < 0.02  # it stays on its way and on the ground
+
+
+def make(program, folder, **params):
+    """The files of three frames of a straight drive."""
+    t_s = np.arange(0.0, 0.081, 0.01)
+    trajectory = drive(t_s, pos=np.outer(t_s, (5.0, 0.0, 0.0)), vel=np.tile((5.0, 0.0, 0.0), (len(t_s), 1)))
+    folder.mkdir()
+    small = {"blender": program, "resolution": (64, 36), "samples": 1, **params}
+    about, given = RunInfo("three frames"), BlenderParams(**small)
+    return blender(trajectory=trajectory, gnss=None, events=None, streams={}, folder=folder, about=about, params=given)
+
+
+def test_every_frame_of_the_film_is_rendered_where_that_is_asked_for(program, tmp_path):
+    paths = make(program, tmp_path / "film", render="animation")
+    assert [path.name for path in paths if path.parent.name == "frames"] == ["0001.png", "0002.png", "0003.png"]
+    assert all(path.stat().st_size for path in paths)
+
+
+def test_the_car_is_that_of_the_user_where_he_has_one(program, tmp_path):
+    """Whatever is in his file moves with the vehicle: here the cube of an own .blend."""
+    own = tmp_path / "own.blend"
+    script = tmp_path / "own.py"
+    script.write_text(
+        "import bpy\n"
+        "bpy.ops.wm.read_factory_settings(use_empty=True)\n"
+        "cube = bpy.data.objects.new('my car', bpy.data.meshes.new('my mesh'))\n"
+        "bpy.context.scene.collection.objects.link(cube)\n"
+        f"bpy.ops.wm.save_as_mainfile(filepath={str(own)!r})\n",
+        encoding="utf-8",
+    )
+    quiet = {**os.environ, "PYTHONPATH": ""}
+    subprocess.run([*find_blender(program), str(script)], env=quiet, check=True, capture_output=True)
+    make(program, tmp_path / "scene", vehicle=str(own))
+    objects = look(find_blender(program), tmp_path / "scene").facts["objects"]
+    assert "my car" in objects
+    assert not {"body", "cabin", "wheel front left"} & set(objects)
