@@ -38,9 +38,10 @@ from recon.form import Form
 from recon.overrides import Override
 from recon.parameters import bind
 from recon.pipeline import FORMAT, Pipeline, find
+from recon.plan import Plan
 from recon.problems import Problem, Where
 from recon.registry import Registry
-from recon.stages import Executor
+from recon.stages import Executor, Simulator, role_of
 from recon.units import UnitError, parse_quantity
 from recon.validation import validate_pipeline
 from recon.yaml_nodes import Node, load_file
@@ -238,18 +239,48 @@ def _bytes(node: Node | None, key: str, form: Form) -> int | None:
     return int(size)
 
 
-def check_batch(batch: BatchFile, registry: Registry) -> list[Problem]:
-    """What is wrong with the pipeline that a batch names, and with what the batch sets in it, at its place there.
+@dataclass(frozen=True)
+class Planned:
+    """What a batch will do, to be run only where `problems` is empty.
+
+    pipeline : the one that it names, None where it cannot be read
+    plans : by vehicle, for those that the batch file names, and under "" for all others
+    """
+
+    pipeline: Pipeline | None
+    plans: Mapping[str, Plan]
+    problems: list[Problem]
+
+
+def plan_batch(batch: BatchFile, registry: Registry) -> Planned:
+    """The plans of a batch, and what is wrong with its pipeline and with what it sets in it, at its place there.
 
     Raises PluginError where a stage that is named cannot be used.
     """
     executor_problems = _executor_problems(batch, registry)
     pipeline, problems = _pipeline(batch, registry)
+    plans: dict[str, Plan] = {}
     if pipeline is not None and not problems:
-        pipeline = _with_exports(pipeline, batch)
-        for own in [(), *batch.vehicles.values()]:
-            problems += check(pipeline, registry, [*batch.defaults, *own])[1]
-    return list(dict.fromkeys(problems + executor_problems))
+        whole = _with_exports(pipeline, batch)
+        problems += _source_problems(pipeline, batch)
+        for vehicle, own in {"": (), **batch.vehicles}.items():
+            plans[vehicle], found = check(whole, registry, [*batch.defaults, *own])
+            problems += found
+    return Planned(pipeline, plans, list(dict.fromkeys(problems + executor_problems)))
+
+
+def check_batch(batch: BatchFile, registry: Registry) -> list[Problem]:
+    """What is wrong with a batch. Raises PluginError as `plan_batch`."""
+    return plan_batch(batch, registry).problems
+
+
+def _source_problems(pipeline: Pipeline, batch: BatchFile) -> list[Problem]:
+    """A batch has inputs, so its pipeline must read them."""
+    if not pipeline.steps or role_of(pipeline.steps[0].use) != Simulator.role:
+        return []
+    text = f"pipeline '{pipeline.name}' makes its own data and reads no input"
+    where = batch.root.at(["pipeline"]).where
+    return [Problem(where, "misplaced-step", text, "name a pipeline that begins with a reader")]
 
 
 def _pipeline(batch: BatchFile, registry: Registry) -> tuple[Pipeline | None, list[Problem]]:

@@ -267,10 +267,15 @@ class Exporter(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Executor(Stage):
-    """Runs the jobs of a batch."""
+    """Runs the jobs of a batch.
+
+    isolates : a job that kills its process, takes more than its time or more than its memory ends alone
+    """
 
     role: ClassVar[str] = "executor"
     given: ClassVar[tuple[str, ...]] = ("jobs", "params")
+
+    isolates: bool = False
 
 
 ROLES: Final[Mapping[str, type[Stage]]] = {

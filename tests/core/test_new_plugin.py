@@ -17,7 +17,7 @@ from plugin_files import install
 from recon.cli import main
 from recon.stages import ROLES
 
-ALL = [role for role in ROLES if role != "executor"]
+ALL = list(ROLES)
 
 
 def python(*arguments: str, cwd: Path, site: Path) -> subprocess.CompletedProcess[str]:
@@ -71,7 +71,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return Made(folder, site, told)
 
 
-def test_every_role_but_executor_has_a_template(made: Made) -> None:
+def test_every_role_has_a_template(made: Made) -> None:
     assert set(made.told) == {f"{role}.my_{role}" for role in ALL}
 
 
@@ -115,7 +115,6 @@ def test_it_asks_for_this_recon_or_a_newer_one(made: Made) -> None:
         ("filter", "resample", "there is a stage 'filter.resample' already, of recon-dynamics 0.1.0; choose another"),
         ("filter", "filters", "there is a module 'recon_filters' already; choose another name"),
         ("fliter", "mine", "there is no template of the role 'fliter'; did you mean 'filter'?"),
-        ("executor", "mine", "there is no template of the role 'executor'; there are 'reader', 'simulator', "),
     ],
 )
 def test_a_role_or_name_that_cannot_be_is_refused_in_a_sentence(

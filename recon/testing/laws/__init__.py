@@ -11,6 +11,7 @@ from recon.testing.laws import (
     common,
     declaration,
     detectors,
+    executors,
     exporters,
     filters,
     fusers,
@@ -33,4 +34,5 @@ MODULES: Final[tuple[ModuleType, ...]] = (
     fusers,
     analyzers,
     exporters,
+    executors,
 )

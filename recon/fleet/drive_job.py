@@ -1,0 +1,151 @@
+"""One drive through the pipeline of a batch: what an executor carries to a process and runs there.
+
+The result appears as a whole or not at all. Its manifest says in `environment.job` which drive it is of, what the input
+was known by when it was read, and a few figures of the result.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+
+from recon import manifest as manifests
+from recon.api import Run, execute
+from recon.errors import (
+    ConfigError,
+    ContractError,
+    DataError,
+    NotEnoughData,
+    PluginError,
+    ReadFailed,
+    ReconError,
+    StageError,
+    StorageError,
+    UnknownFormat,
+)
+from recon.fleet.places import Place, Stamp, fetch, stamp
+from recon.fleet.root import root_of
+from recon.jobs import FAULT, OUT_OF_MEMORY, Outcome
+from recon.overrides import Override
+from recon.pipeline import Pipeline
+from recon.registry import Registry
+from recon.tables import vector
+
+
+class InputChanged(DataError):
+    """The input is another one than when the job began to read it."""
+
+
+CODES: Final[Mapping[type[ReconError], str]] = {
+    InputChanged: "input_changed",
+    UnknownFormat: "unknown_format",
+    ReadFailed: "unreadable",
+    NotEnoughData: "not_enough_data",
+    DataError: "bad_data",
+    ContractError: "contract_broken",
+    StageError: "stage_failed",
+    StorageError: "not_written",
+    PluginError: "plugin_unusable",
+    ConfigError: "not_configured",
+    ReconError: FAULT,
+}
+"""Why a job failed, in one word, by the error that ended it; the first class that fits."""
+
+
+@dataclass(frozen=True)
+class DriveJob:
+    """One drive of a batch.
+
+    key : folder of the result below `output`
+    overrides : parameters set for all drives, and then for this vehicle
+    """
+
+    key: str
+    vehicle: str
+    drive: str
+    source: Place
+    output: Place
+    pipeline: Pipeline
+    overrides: tuple[Override, ...] = ()
+    exports: tuple[str, ...] = ()
+    timeout: float | None = None
+    memory: int | None = None
+
+    def run(self) -> Outcome:
+        """Read, run, export, and put the result to its place."""
+        started = time.perf_counter()
+        try:
+            self._make()
+        except ReconError as error:
+            return self._failed(error, time.perf_counter() - started)
+        except OSError as error:
+            return Outcome(self.key, "not_written", str(error), seconds=time.perf_counter() - started)
+        return Outcome(self.key, seconds=time.perf_counter() - started)
+
+    def lost(self, code: str, text: str) -> Outcome:
+        """Its outcome, told by others."""
+        return Outcome(self.key, code, text)
+
+    def _make(self) -> None:
+        root = root_of(self.output)
+        with root.scratch() as scratch:
+            before = _stamped(self.source)
+            copy = fetch(self.source, scratch)
+            folder = scratch / "result"
+            finished = execute(self.pipeline, copy, folder, self.overrides, registry=_registry(), exports=self.exports)
+            if stamp(self.source) != before:
+                raise InputChanged(
+                    f"{self.source} changed while it was read", "run the batch again when it is complete"
+                )
+            manifests.write(self._signed(finished, before), folder)
+            root.commit(folder, self.key)
+
+    def _signed(self, finished: Run, stamped: Stamp) -> dict[str, Any]:
+        """The manifest with what the batch needs to know."""
+        about = {
+            "vehicle": self.vehicle,
+            "drive": self.drive,
+            "input": str(self.source),
+            "bytes": stamped[0],
+            "modified_ns": stamped[1],
+            "summary": {**finished.summary(), **_quality(finished)},
+        }
+        environment = {**finished.manifest["environment"], "job": about}
+        return {**finished.manifest, "environment": environment}
+
+    def _failed(self, error: ReconError, seconds: float) -> Outcome:
+        memory = isinstance(error.__cause__, MemoryError)
+        code = OUT_OF_MEMORY if memory else next(code for kind, code in CODES.items() if isinstance(error, kind))
+        return Outcome(self.key, code, error.message, error.hint, seconds)
+
+
+@cache
+def _registry() -> Registry:
+    """The stages of this process; to look through all that is installed takes longer than a small drive."""
+    return Registry.installed()
+
+
+def _stamped(place: Place) -> Stamp:
+    """Raises ReadFailed where nothing is there."""
+    try:
+        found = stamp(place)
+    except OSError as error:
+        raise ReadFailed(str(place), f"it cannot be read: {error}") from error
+    if found is None:
+        raise ReadFailed(str(place), "there is no such file or folder")
+    return found
+
+
+def _quality(finished: Run) -> dict[str, float]:
+    """pos_std : m, median of the trajectory's own sigma of the horizontal position; left out where it tells none."""
+    table = finished.recording.get("trajectory")
+    if table is None or not {"pos_std_e", "pos_std_n"} <= set(table.column_names) or not table.num_rows:
+        return {}
+    sigma = np.hypot(vector(table, "pos_std_e", gaps=True), vector(table, "pos_std_n", gaps=True))
+    known = sigma[np.isfinite(sigma)]
+    return {"pos_std": float(np.median(known))} if len(known) else {}

@@ -1,0 +1,292 @@
+"""A batch from its file to its results: which drives are done, the jobs of the others, their outcomes.
+
+What is done is read off the results alone, so that a batch which was ended in any way goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, TypeAlias
+
+import recon
+from recon.batch import BatchFile, parse, plan_batch
+from recon.errors import ConfigError
+from recon.fleet.compaction import Failure, compact, failed_before, is_current
+from recon.fleet.drive_job import DriveJob
+from recon.fleet.inputs import Drive, Drives, find
+from recon.fleet.places import Place, fetch
+from recon.fleet.root import Root, root_of
+from recon.jobs import DIED, FAULT, OUT_OF_MEMORY, TIMED_OUT, Outcome
+from recon.manifest import describe_input, digest
+from recon.parameters import Params, bind
+from recon.pipeline import Pipeline
+from recon.problems import Problem
+from recon.registry import Registry
+from recon.stages import Executor
+from recon.storage.json_text import to_json
+from recon.yaml_nodes import load_file
+
+DEFAULT_EXECUTOR: Final = "executor.local"
+AGAIN: Final = (DIED, TIMED_OUT, OUT_OF_MEMORY, FAULT, "input_changed", "not_written")
+"""Reasons that may not be there another time: `retries` is for these. A log that cannot be read stays so."""
+
+LOOKERS: Final = 16
+"""Threads that read manifests from a store, for which they mostly wait; from a disk one is as fast as many."""
+AT_ONCE: Final = 1024
+"""Drives whose manifests are asked for together."""
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A batch that may be run.
+
+    plans : resolved steps by vehicle, as manifests hold them; "" for vehicles that the batch file does not name
+    """
+
+    batch: BatchFile
+    pipeline: Pipeline
+    plans: Mapping[str, Sequence[Mapping[str, Any]]]
+    executor: Executor
+    executor_params: Params
+    drives: Drives
+    root: Root
+
+    def plan_of(self, vehicle: str) -> Sequence[Mapping[str, Any]]:
+        """Resolved steps for the drives of a vehicle."""
+        return self.plans.get(vehicle) or self.plans[""]
+
+    def job(self, drive: Drive) -> DriveJob:
+        """The work that a drive is."""
+        return DriveJob(
+            key=drive.key,
+            vehicle=drive.vehicle,
+            drive=drive.drive,
+            source=drive.place,
+            output=self.root.place,
+            pipeline=self.pipeline,
+            overrides=(*self.batch.defaults, *self.batch.vehicles.get(drive.vehicle, ())),
+            exports=self.batch.exports,
+            timeout=self.batch.timeout,
+            memory=self.batch.memory,
+        )
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a batch is, told after each outcome.
+
+    total : drives to be done; ended : those of them that are, failed ones included; running : those in work
+    kept : drives that were done before
+    outcome : the last one, None at the beginning
+    """
+
+    total: int
+    kept: int
+    ended: int = 0
+    failed: int = 0
+    running: int = 0
+    outcome: Outcome | None = None
+
+
+Ended: TypeAlias = Generator[tuple[Drive, Outcome], None, None]
+Told: TypeAlias = Callable[[State], None]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of a batch."""
+
+    done: int
+    kept: int
+    failures: Sequence[Failure] = field(default_factory=list)
+    stopped: bool = False
+
+
+def load(file: Path, registry: Registry, executor: str = "") -> Fleet:
+    """A batch file, checked as a whole, and the drives that it names.
+
+    executor : the one to use in place of the file's
+    Raises ConfigError with every problem, PluginError where a stage that is named cannot be used.
+    """
+    batch, problems = parse(load_file(file))
+    if problems:
+        raise ConfigError(problems)
+    planned = plan_batch(batch, registry)
+    if planned.problems or planned.pipeline is None:
+        raise ConfigError(planned.problems)
+    stage, params = _executor(batch, executor, registry)
+    plans = {vehicle: json.loads(to_json(plan.resolved())) for vehicle, plan in planned.plans.items()}
+    root = root_of(Place.of(batch.output, batch.folder))
+    return Fleet(batch, planned.pipeline, plans, stage, params, find(batch), root)
+
+
+def _executor(batch: BatchFile, asked: str, registry: Registry) -> tuple[Executor, Params]:
+    """The executor and its parameters: those of the file are for the one that the file names."""
+    key = asked or batch.executor or DEFAULT_EXECUTOR
+    key = key if "." in key else f"{Executor.role}.{key}"
+    stage = registry.get(key)
+    if not isinstance(stage, Executor):
+        raise ConfigError([Problem(None, "misplaced-step", f"{key} runs no jobs", "name an executor")])
+    if key != batch.executor:
+        return stage, stage.params()
+    params, problems = bind(stage.params, batch.executor_params, key)
+    if params is None:
+        raise ConfigError(problems)
+    return stage, params
+
+
+def remaining(fleet: Fleet, drives: Drives, *, verify: bool = False) -> tuple[Drives, dict[str, str]]:
+    """The drives that are to be done, and the time of making by key of those that are.
+
+    verify : hold what is there to the hashes in its manifest too
+    """
+    if not fleet.batch.resume:
+        return drives, {}
+    mask: list[bool] = []
+    made: dict[str, str] = {}
+    source = iter(drives)
+    with ThreadPoolExecutor(1 if fleet.root.place.is_local else LOOKERS) as pool:
+        while chunk := list(islice(source, AT_ONCE)):
+            for drive, when in zip(chunk, pool.map(lambda one: _made(fleet, one, verify=verify), chunk), strict=True):
+                mask.append(when is None)
+                if when is not None:
+                    made[drive.key] = when
+    return drives.where(mask), made
+
+
+def _made(fleet: Fleet, drive: Drive, *, verify: bool) -> str | None:
+    """When the result of a drive was made; None where it is to be made: it is not there, or not what would be made."""
+    found = fleet.root.manifest(drive.key)
+    if found is None or drive.stamp is None:
+        return None
+    try:
+        job = found["environment"]["job"]
+        same = (
+            (job["input"], job["bytes"], job["modified_ns"]) == (str(drive.place), *drive.stamp)
+            and found["plan"] == fleet.plan_of(drive.vehicle)
+            and found["recon"] == recon.__version__
+            and found["store"] == fleet.pipeline.store
+        )
+        if not same or (verify and not _verified(fleet.root, drive, found)):
+            return None
+        return str(found["environment"]["started"])
+    except (KeyError, TypeError):
+        return None
+
+
+def _verified(root: Root, drive: Drive, manifest: Mapping[str, Any]) -> bool:
+    """Have the input and the result the hashes that the manifest says?"""
+    with TemporaryDirectory(prefix="recon-") as folder:
+        scratch = Path(folder)
+        (described,) = manifest["inputs"]
+        if describe_input(fetch(drive.place, scratch)) != described:
+            return False
+        for output in manifest["outputs"]:
+            place = root.place / drive.key / output["file"]
+            try:
+                if digest(fetch(place, scratch)) != output["sha256"]:
+                    return False
+            except OSError:
+                return False
+    return True
+
+
+def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Report:
+    """Do what is to be done, and bring the files of the whole fleet up to date.
+
+    only : a vehicle, where not all are to be done
+    Raises ConfigError where another batch is at work on the output, StorageError where that cannot be written.
+    """
+    drives = chosen(fleet, only)
+    with fleet.root.prepared():
+        todo, made = remaining(fleet, drives, verify=verify)
+        told(State(len(todo), len(made)))
+        before = _failed_before(fleet, made)
+        failures: list[Failure] = []
+        done = 0
+        with closing(_outcomes(fleet, todo, len(made), told)) as outcomes:
+            for drive, outcome in outcomes:
+                before.pop(drive.key, None)
+                done += outcome.ok
+                if outcome.ok:
+                    continue
+                failures.append(Failure(drive, outcome))
+                if fleet.batch.on_error == "stop":
+                    break
+        if len(todo) or before or not is_current(fleet.root, made):
+            compact(fleet.root, {**before, **{failure.drive.key: failure.row() for failure in failures}})
+    return Report(done, len(made), failures, stopped=done + len(failures) < len(todo))
+
+
+def _failed_before(fleet: Fleet, made: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Rows of drives that failed the last time, that the batch still names and that were not done since, by key."""
+    rows = failed_before(fleet.root)
+    named = {drive.key for drive in fleet.drives if drive.key in rows} if rows else set()
+    return {key: row for key, row in rows.items() if key in named and key not in made}
+
+
+def chosen(fleet: Fleet, only: str) -> Drives:
+    """The drives of one vehicle, or all. Raises ConfigError for a vehicle that has none."""
+    if not only:
+        return fleet.drives
+    found = fleet.drives.where([drive.vehicle == only for drive in fleet.drives])
+    if not len(found):
+        known = ", ".join(sorted({drive.vehicle for drive in fleet.drives})[:20])
+        raise ConfigError([Problem(None, "bad-option", f"no input is of the vehicle '{only}'", f"there are {known}")])
+    return found
+
+
+def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Generator[tuple[Drive, Outcome], None, None]:
+    """The last outcome of each drive: what may go well another time is tried again, after all others."""
+    ended, failed, total = 0, 0, len(todo)
+    for tries_left in range(fleet.batch.retries, -1, -1):
+        again: list[Drive] = []
+        flight = _Flight(fleet, todo)
+        with closing(flight.outcomes()) as outcomes:
+            for drive, outcome in outcomes:
+                if tries_left and outcome.code in AGAIN:
+                    again.append(drive)
+                    continue
+                ended += 1
+                failed += not outcome.ok
+                told(State(total, kept, ended, failed, len(flight.out), outcome))
+                yield drive, outcome
+        if not again:
+            return
+        todo = Drives.of(again)
+
+
+class _Flight:
+    """One pass of an executor over drives. out : by key, those that it has taken and not yet answered for."""
+
+    def __init__(self, fleet: Fleet, drives: Drives) -> None:
+        self._fleet = fleet
+        self._drives = drives
+        self.out: dict[str, Drive] = {}
+
+    def outcomes(self) -> Ended:
+        """Each drive with its outcome; one that the executor never answers for counts as lost."""
+        results: Iterator[Outcome] = self._fleet.executor.run(jobs=self._jobs(), params=self._fleet.executor_params)
+        try:
+            for outcome in results:
+                drive = self.out.pop(outcome.job, None)
+                if drive is not None:  # answered twice: the first answer counts
+                    yield drive, outcome
+        finally:
+            if isinstance(results, Generator):
+                results.close()
+        for drive in list(self.out.values()):
+            text = f"{self._fleet.executor.key} did not say what became of it"
+            yield self.out.pop(drive.key), self._fleet.job(drive).lost(FAULT, text)
+
+    def _jobs(self) -> Iterator[DriveJob]:
+        for drive in self._drives:
+            self.out[drive.key] = drive
+            yield self._fleet.job(drive)

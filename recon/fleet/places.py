@@ -1,0 +1,168 @@
+"""Files and folders, local or in an object store (s3://, gs://, abfs://), behind the filesystems of pyarrow.
+
+Credentials and regions are found as the clouds' own tools find them (environment, configuration files, roles). What
+stands behind a `?` is given to pyarrow: s3://bucket/logs?region=eu-central-1&endpoint_override=http://localhost:9000
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from recon.errors import ReadFailed
+
+Stamp: TypeAlias = tuple[int, int]
+"""Bytes and time of change, ns: by these a file is known to be the same. Of a folder, their sum and the latest."""
+
+_URI: Final = re.compile(r"([a-z][a-z0-9+.-]+://[^/?]*)([^?]*)(\?.*)?")
+_WILD: Final = re.compile(r"[*?\[]")
+_CHUNK: Final = 1024
+"""Paths that are asked for together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A file or folder.
+
+    path : in the filesystem, with `/` between its parts
+    head, query : beginning and end of its URI; empty for a local place
+    """
+
+    path: str
+    head: str = ""
+    query: str = ""
+
+    @classmethod
+    def of(cls, text: str, folder: Path | None = None) -> Place:
+        """From a URI or a local path; `folder` is what a local path is relative to."""
+        found = _URI.fullmatch(text)
+        if found is None:
+            return cls(Path(folder or "", text).absolute().as_posix())
+        _, base = _opened(found[1], found[3] or "")
+        path = "/".join(part for part in (base.strip("/"), found[2].strip("/")) if part)
+        return cls(path, found[1], found[3] or "")
+
+    @property
+    def is_local(self) -> bool:
+        """Is it a path of this machine?"""
+        return not self.head
+
+    @property
+    def filesystem(self) -> Any:
+        """The filesystem of pyarrow. Raises OSError where the store cannot be reached."""
+        return _opened(self.head, self.query)[0]
+
+    def __str__(self) -> str:
+        """The path, or the URI without what stands behind a `?` or before an `@`, which may be secret."""
+        if self.is_local:
+            return self.path
+        base = _opened(self.head, self.query)[1].strip("/")
+        scheme, _, authority = self.head.partition("://")
+        return f"{scheme}://{authority.rpartition('@')[2]}/{self.path.removeprefix(base).strip('/')}"
+
+    def at(self, path: str) -> Place:
+        """Another path of the same filesystem."""
+        return replace(self, path=path)
+
+    def __truediv__(self, name: str) -> Place:
+        """What lies below it."""
+        return self.at(f"{self.path.rstrip('/')}/{name}")
+
+
+@cache
+def _opened(head: str, query: str) -> tuple[Any, str]:
+    """Filesystem and the path in it of the root of a URI; opening one takes longer than a small file."""
+    from pyarrow import fs
+
+    return fs.FileSystem.from_uri(f"{head}{query}") if head else (fs.LocalFileSystem(), "")
+
+
+def stamp(place: Place) -> Stamp | None:
+    """Bytes and time of change of a file or folder; None where there is none. Raises OSError."""
+    from pyarrow import fs
+
+    (info,) = place.filesystem.get_file_info([place.path])
+    if info.type == fs.FileType.Directory:
+        below = place.filesystem.get_file_info(fs.FileSelector(place.path, recursive=True))
+        files = [part for part in below if part.type == fs.FileType.File]
+        return sum(part.size for part in files), max((part.mtime_ns for part in files), default=0)
+    return stamp_of(info)
+
+
+def stamp_of(info: Any) -> Stamp | None:
+    """The stamp of a file from its FileInfo; None for a folder or nothing."""
+    return None if info.size is None else (int(info.size), int(info.mtime_ns))
+
+
+def glob(pattern: Place) -> Iterator[tuple[Place, Stamp]]:
+    """Files and folders that match a pattern with `*`, `?`, `[...]` and `**`, sorted; none that are hidden.
+
+    In a URI a `?` begins its query, so it is no wildcard there. Raises OSError.
+    """
+    *folders, last = pattern.path.split("/")
+    starts = [folders.pop(0)] if folders else [""]
+    for part in folders:
+        starts = [found for start in starts for found in _below(pattern, start, part, folders_only=True)]
+    told: set[str] = set()  # with several `**`, a path may be found more than once
+    for start in sorted(set(starts)):
+        chosen = sorted(set(_below(pattern, start, last, folders_only=False)) - told)
+        if pattern.path.count("**") > 1:
+            told.update(chosen)
+        for first in range(0, len(chosen), _CHUNK):
+            yield from _found(pattern, chosen[first : first + _CHUNK])
+
+
+def _found(pattern: Place, paths: list[str]) -> Iterator[tuple[Place, Stamp]]:
+    """Those paths where something is; for `**` at the end only files."""
+    from pyarrow import fs
+
+    for info in pattern.filesystem.get_file_info(paths):
+        if info.type == fs.FileType.File:
+            yield pattern.at(info.path), (int(info.size), int(info.mtime_ns))
+        elif info.type == fs.FileType.Directory and not pattern.path.endswith("/**"):
+            yield pattern.at(info.path), stamp(pattern.at(info.path)) or (0, 0)
+
+
+def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[str]:
+    """Paths that one part of a pattern leads to from a folder."""
+    from pyarrow import fs
+
+    if not _WILD.search(part):
+        return [f"{path}/{part}"]
+    deep = part == "**"
+    try:
+        infos = pattern.filesystem.get_file_info(fs.FileSelector(path or "/", recursive=deep, allow_not_found=True))
+    except NotADirectoryError:
+        return []
+    wanted = [info for info in infos if not folders_only or info.type == fs.FileType.Directory]
+    if deep:
+        shown = [i.path for i in wanted if "/." not in i.path[len(path) :]]
+        return [path, *shown] if folders_only else shown
+    return [i.path for i in wanted if fnmatchcase(i.base_name, part) and not i.base_name.startswith(".")]
+
+
+def fetch(place: Place, folder: Path) -> Path:
+    """A local path of a file or folder: itself, or a copy in `folder`. Raises ReadFailed."""
+    if place.is_local:
+        return Path(place.path)
+    from pyarrow import fs
+
+    target = folder / place.path.rpartition("/")[2]
+    try:
+        (info,) = place.filesystem.get_file_info([place.path])
+        if info.type == fs.FileType.NotFound:
+            raise ReadFailed(str(place), "there is no such file or folder")
+        fs.copy_files(
+            place.path,
+            target.as_posix(),
+            source_filesystem=place.filesystem,
+            destination_filesystem=fs.LocalFileSystem(),
+        )
+    except OSError as error:
+        raise ReadFailed(str(place), f"it cannot be fetched: {error}") from error
+    return target

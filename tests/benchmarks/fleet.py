@@ -1,0 +1,202 @@
+"""What a batch costs beyond its pipeline, and how it grows with the fleet.
+
+    python tests/benchmarks/fleet.py [scaling] [overhead] [memory] [planning] [--drives 100000] [--tiny 10000]
+
+scaling    the same simulated drives through best_accuracy, on one worker and on as many as there are cores
+overhead   many drives of a few rows: time per job of a batch, less that of the pipeline alone in one process
+memory     peak memory of the driver over 1 000 jobs and over --drives jobs, whose work is left away
+planning   globbing and planning of --drives files, and going on where all of them are done
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import psutil
+
+import recon
+from recon.fleet import driver
+from recon.fleet.driver import State
+from recon.jobs import Outcome
+from recon.recording import Recording
+from recon.registry import Registry
+from recon.schema import IMU
+from recon.stages import Executor
+from recon.storage import write_recording
+from recon.tables import build
+
+BATCH: Final = """\
+recon: 1
+batch: benchmark
+pipeline: {pipeline}
+inputs: [{{glob: 'logs/*/*'}}]
+output: {output}
+executor: {{use: executor.local, params: {{workers: {workers}}}}}
+"""
+TINY: Final = "recon: 1\nname: tiny\nsteps:\n  - use: reader.parquet\n"
+DRIVE_S: Final = 600.0
+VEHICLES: Final = 100
+PEAK: Final = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import fleet
+print(fleet.peak_mb(sys.argv[2]))
+"""
+
+
+def batch_file(folder: Path, pipeline: str, output: str, workers: int = 1) -> Path:
+    file = folder / f"{output}.yaml"
+    file.write_text(BATCH.format(pipeline=pipeline, output=output, workers=workers), encoding="utf-8")
+    return file
+
+
+def quiet(state: State) -> None:
+    """Progress that nobody sees."""
+
+
+def timed(file: Path) -> float:
+    """Seconds of a batch after its planning; every drive must be done."""
+    fleet = driver.load(file, Registry.installed())
+    started = time.perf_counter()
+    report = driver.run(fleet, quiet)
+    assert not report.failures, report.failures[0].outcome.text
+    return time.perf_counter() - started
+
+
+def scaling(folder: Path) -> None:
+    """Workers are begun inside the time that counts, so drives are long enough for that not to matter."""
+    cores = len(psutil.Process().cpu_affinity()) if hasattr(psutil.Process, "cpu_affinity") else psutil.cpu_count()
+    count = 6 * cores
+    for number in range(count):
+        seconds = {"simulator.drive.duration": f"{DRIVE_S} s", "simulator.drive.seed": number}
+        recon.run("simulated_drive", out=folder / "logs/A" / f"d{number}", **seconds)
+    alone = timed(batch_file(folder, "best_accuracy", "alone"))
+    spread = timed(batch_file(folder, "best_accuracy", "spread", cores))
+    hours = count * DRIVE_S / 3600.0
+    print(f"one worker: {alone:.1f} s, {cores} workers: {spread:.1f} s")
+    print(f"scaling: {alone / spread:.2f} of {cores} ({alone / spread / cores:.2f} W; goal 0.85 W)")
+    print(f"best_accuracy: {hours / (alone / 3600.0):.0f} drive-hours per core-hour (goal 1500)")
+
+
+def write_files(folder: Path, count: int) -> None:
+    """So many small files, whose content nobody reads."""
+    for vehicle in range(VEHICLES):
+        (folder / f"logs/v{vehicle}").mkdir(parents=True)
+    for number in range(count):
+        (folder / f"logs/v{number % VEHICLES}/d{number}.txt").write_text(f"{number}\n", encoding="utf-8")
+
+
+def write_tiny(folder: Path, count: int) -> None:
+    """So many drives of 20 rows, in our own format: all that a job does is its overhead."""
+    rows = np.arange(20)
+    still = np.tile([0.0, 0.0, 9.81], (len(rows), 1))
+    imu = build(IMU, time=rows * 10_000_000, accel=still, gyro=0.0 * still)
+    (whole,) = (path for path in write_recording(Recording({"imu": imu}), folder) if path.stem == "imu")
+    for number in range(count):
+        place = folder / f"logs/v{number % VEHICLES}/d{number}"
+        place.mkdir(parents=True)
+        shutil.copy(whole, place)
+
+
+def overhead(folder: Path, count: int) -> None:
+    write_tiny(folder, count)
+    (folder / "tiny.yaml").write_text(TINY, encoding="utf-8")
+    registry = Registry.installed()
+    logs = sorted((folder / "logs/v0").iterdir())[:50]
+    recon.run(folder / "tiny.yaml", logs[0], folder / "warm", registry=registry)
+    started = time.perf_counter()
+    for log in logs:
+        recon.run(folder / "tiny.yaml", log, folder / "alone" / log.stem, registry=registry)
+    alone = (time.perf_counter() - started) / len(logs)
+    job = timed(batch_file(folder, "tiny.yaml", "results")) / count
+    print(f"pipeline alone: {alone * 1e3:.1f} ms; job of a batch, on one worker: {job * 1e3:.1f} ms")
+    print(f"overhead: {(job - alone) * 1e3:.1f} ms for each of {count} jobs (goal 15 ms)")
+
+
+def peak_mb(file: str) -> float:
+    """Peak memory of a driver whose jobs are done without work."""
+    idle = Executor(name="idle", summary="Nothing.", run=lambda jobs, params: (Outcome(job.key) for job in jobs))
+    fleet = driver.load(Path(file), Registry.installed().with_records(idle), "idle")
+    driver.run(fleet, quiet)
+    info = psutil.Process().memory_info()
+    if hasattr(info, "peak_wset"):
+        return info.peak_wset / 1e6
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def memory(folder: Path, count: int) -> None:
+    peaks = {}
+    for jobs in (1_000, count):
+        write_files(folder / str(jobs), jobs)
+        file = batch_file(folder / str(jobs), "thesis", "results")
+        here = str(Path(__file__).parent)
+        told = subprocess.run([sys.executable, "-c", PEAK, here, str(file)], check=True, capture_output=True, text=True)
+        peaks[jobs] = float(told.stdout)
+    print("driver: " + ", ".join(f"{peak:.0f} MB for {jobs} jobs" for jobs, peak in peaks.items()))
+
+
+def planning(folder: Path, count: int) -> None:
+    write_files(folder, count)
+    file = batch_file(folder, "thesis", "results")
+    started = time.perf_counter()
+    fleet = driver.load(file, Registry.installed())
+    print(f"globbing and planning of {count} files: {time.perf_counter() - started:.1f} s (goal 20 s)")
+    write_finished(folder, fleet)
+    driver.run(fleet, quiet)  # compacts once
+    started = time.perf_counter()
+    fleet = driver.load(file, Registry.installed())
+    report = driver.run(fleet, quiet)
+    assert report.kept == count
+    print(f"resume over {count} finished jobs: {time.perf_counter() - started:.1f} s (goal 30 s)")
+
+
+def write_finished(folder: Path, fleet: driver.Fleet) -> None:
+    """For every drive the manifest of a result that was made, with its own name and input."""
+    made = recon.run("simulated_drive", out=folder / "drive", **{"simulator.drive.duration": "60 s"})
+    manifest = dict(recon.run("thesis", folder / "drive", folder / "made").manifest)
+    assert made.folder is not None
+    manifest["plan"] = fleet.plan_of("")
+    for drive in fleet.drives:
+        bytes_, modified = drive.stamp or (0, 0)
+        job = {"input": str(drive.place), "bytes": bytes_, "modified_ns": modified}
+        steps = [{**step, "rows": {**step["rows"], "events": 0}} for step in manifest["steps"]]
+        whole = {**manifest, "steps": steps, "environment": {**manifest["environment"], "job": job}}
+        target = folder / "results" / drive.key
+        target.mkdir(parents=True)
+        (target / "manifest.json").write_text(json.dumps(whole, indent=1), encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", default=["scaling", "overhead", "memory", "planning"])
+    parser.add_argument("--drives", type=int, default=100_000)
+    parser.add_argument("--tiny", type=int, default=10_000)
+    options = parser.parse_args()
+    for part in options.parts:
+        folder = Path(tempfile.mkdtemp(prefix=f"recon-{part}-"))
+        try:
+            if part == "scaling":
+                scaling(folder)
+            elif part == "overhead":
+                overhead(folder, options.tiny)
+            elif part == "memory":
+                memory(folder, options.drives)
+            else:
+                planning(folder, options.drives)
+        finally:
+            shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""A batch on a Dask cluster of processes of their own gives what one process gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from fleets import BATCH, finish, fleet, keys, results
+
+pytest.importorskip("distributed")
+
+DRIVES = {f"{vehicle}/d{number}": f"good {number + 1}" for vehicle in "AB" for number in range(5)}
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    """A scheduler and two workers on loopback."""
+    about = tmp_path / "scheduler.json"
+    scheduler = ("dask_scheduler", "--port", "0")
+    worker = ("dask_worker", "--nthreads", "1")
+    path = os.pathsep.join([str(tmp_path / "spread" / "site"), *filter(None, sys.path)])
+    options = ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(about))
+    with ExitStack() as stack:
+        for module, *own in (scheduler, worker, worker):
+            command = [sys.executable, "-m", f"distributed.cli.{module}", *own, *options]
+            process = subprocess.Popen(
+                command,
+                cwd=tmp_path,
+                env={**os.environ, "PYTHONPATH": path},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+            deadline = time.monotonic() + 60.0
+            while not about.exists():
+                assert time.monotonic() < deadline, "the scheduler does not start"
+                time.sleep(0.1)
+        yield json.loads(about.read_text(encoding="utf-8"))["address"]
+
+
+def test_two_workers_give_the_bytes_that_one_process_gives(address: str, tmp_path: Path) -> None:
+    alone = fleet(tmp_path / "alone", DRIVES)
+    assert finish(alone, "--executor", "serial")[0] == 0
+    spread = f"executor.dask, params: {{address: '{address}'}}"
+    text = BATCH.replace("executor.local, params: {workers: 3}", spread)
+    file = fleet(tmp_path / "spread", {**DRIVES, "C/kill": "kill 1", "C/sleep": "sleep 1"}, text + "timeout: 5 s\n")
+    code, out, errors = finish(file, "--json")
+    assert code == 6, errors
+    failures = {failure["job"]: failure["code"] for failure in json.loads(out)["failures"]}
+    assert failures == {"vehicle=C/drive=kill": "died", "vehicle=C/drive=sleep": "timed_out"}
+    assert set(results(file.parent / "results")) == keys(DRIVES)
+    assert results(file.parent / "results") == results(alone.parent / "results")
+
+
+def test_a_scheduler_that_does_not_answer_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "2s")
+    nobody = "executor.dask, params: {address: 'tcp://127.0.0.1:9'}"
+    file = fleet(tmp_path, DRIVES, BATCH.replace("executor.local, params: {workers: 3}", nobody))
+    code, _, errors = finish(file)
+    assert code == 3
+    assert "no scheduler answers at tcp://127.0.0.1:9" in errors

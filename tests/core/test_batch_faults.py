@@ -1,0 +1,171 @@
+"""Batches whose processes are killed: nothing that is done is lost, and nothing half-done looks whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from random import Random
+from threading import Event, Thread
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from fleets import begin, finish, fleet, keys, results
+
+SLOW = {f"{vehicle}/d{number}": f"slow {number + 1}" for vehicle in "AB" for number in range(10)}
+"""Drives that take 0.2 s each, so that a batch lasts long enough to be killed in its midst."""
+
+
+def children(process: psutil.Process) -> list[psutil.Process]:
+    try:
+        return process.children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
+def alive_after(processes: list[psutil.Process], seconds: float) -> list[psutil.Process]:
+    """Those that have not ended by then; one that has, and that nobody asked for its exit code, is a zombie."""
+    deadline = time.monotonic() + seconds
+    while processes and time.monotonic() < deadline:
+        processes = [one for one in processes if is_at_work(one)]
+        time.sleep(0.01)
+    return processes
+
+
+def is_at_work(process: psutil.Process) -> bool:
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def wait_for(root: Path, count: int) -> None:
+    """Until so many results are there; a minute at most."""
+    deadline = time.monotonic() + 60.0
+    while len(list(root.glob("vehicle=*/drive=*/manifest.json"))) < count:
+        assert time.monotonic() < deadline, "the batch does not get on"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[str, str]]]:
+    """What the slow drives give when nothing happens."""
+    file = fleet(tmp_path_factory.mktemp("calm"), SLOW)
+    assert finish(file)[0] == 0
+    return results(file.parent / "results")
+
+
+def test_workers_end_within_a_second_of_their_driver(tmp_path: Path) -> None:
+    file = fleet(tmp_path, {f"A/d{number}": "sleep 1" for number in range(4)})
+    with begin(file) as driver:
+        deadline = time.monotonic() + 60.0
+        while len(workers := children(psutil.Process(driver.pid))) < 3:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(2.0)  # they have imported all, and sleep in their drives
+        driver.kill()
+        assert alive_after(workers, 1.0) == []
+        driver.communicate()
+
+
+def test_a_driver_killed_ten_times_loses_nothing(tmp_path: Path, calm: dict) -> None:
+    file = fleet(tmp_path, SLOW)
+    root = file.parent / "results"
+    rng = Random(8)
+    done = 0
+    for _ in range(10):
+        with begin(file) as driver:
+            if done < len(SLOW) - 1:
+                wait_for(root, done + 1)
+            time.sleep(rng.uniform(0.0, 0.3))
+            driver.kill()
+            driver.communicate()
+        found = results(root)
+        assert {key: found[key] for key in found} == {key: calm[key] for key in found}, "a result is not whole"
+        assert len(found) >= done, "a result that was there is gone"
+        done = len(found)
+    assert finish(file)[0] == 0
+    assert results(root) == calm
+    jobs = pq.read_table(root / "jobs.parquet", columns=["vehicle", "drive", "status"]).to_pylist()
+    assert {f"vehicle={row['vehicle']}/drive={row['drive']}" for row in jobs if row["status"] == "ok"} == keys(SLOW)
+    assert not (root / ".scratch").exists()
+
+
+def test_workers_killed_at_random_cost_no_drive_its_result(tmp_path: Path) -> None:
+    drives = {f"A/d{number}": f"slow {number + 1}" for number in range(100)}
+    file = fleet(tmp_path, drives)
+    file.write_text(file.read_text(encoding="utf-8") + "retries: 5\n", encoding="utf-8")
+    rng, over, killed = Random(1), Event(), []
+
+    def kill_one_a_second(driver: psutil.Process) -> None:
+        while not over.wait(1.0):
+            if len(workers := children(driver)) > 1:  # the last one, killed again and again, would use up all retries
+                victim = rng.choice(workers)
+                victim.kill()
+                killed.append(victim.pid)
+
+    with begin(file, "--json") as driver:
+        killer = Thread(target=kill_one_a_second, args=(psutil.Process(driver.pid),))
+        killer.start()
+        out, errors = driver.communicate(timeout=200)
+        over.set()
+        killer.join()
+    assert killed, "nobody was killed, so nothing was tried"
+    assert driver.returncode == 0, errors
+    assert json.loads(out)["done"] == 100
+    assert set(results(file.parent / "results")) == keys(drives)
+
+
+def test_two_batches_on_one_output_are_refused_and_a_dead_one_does_not_count(tmp_path: Path) -> None:
+    file = fleet(tmp_path, SLOW)
+    with begin(file) as first:
+        wait_for(file.parent / "results", 1)
+        code, _, errors = finish(file)
+        assert code == 2
+        assert "another batch is at work on" in errors
+        first.kill()
+        first.communicate()
+    assert finish(file)[0] == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="on Windows SIGTERM ends a process without a word")
+def test_an_interruption_ends_a_batch_in_order(tmp_path: Path) -> None:
+    file = fleet(tmp_path, {**SLOW, "C/sleep": "sleep 1"})
+    with begin(file) as driver:
+        wait_for(file.parent / "results", 1)
+        workers = children(psutil.Process(driver.pid))
+        driver.send_signal(signal.SIGTERM)  # as Ctrl-C, which a shell lets its background processes ignore
+        _, errors = driver.communicate(timeout=20)
+    assert driver.returncode == 143
+    assert "what is done is kept; the same command goes on from there" in errors
+    assert "Traceback" not in errors
+    assert alive_after(workers, 1.0) == []
+    assert not (file.parent / "results/.scratch").exists()
+
+
+@pytest.mark.skipif(not Path(os.sep, "dev", "full").exists(), reason="there is no device that is always full")
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    from plugin_files import install
+
+    module = (
+        "from recon import Exporter, hookimpl\n"
+        "def full(folder, about, params):\n"
+        "    (folder / 'x').write_bytes(b'x')\n"
+        "    with open('/dev/full', 'wb') as file:\n"
+        "        file.write(b'x' * 100)\n"
+        "@hookimpl\n"
+        "def declare_exporters():\n"
+        "    yield Exporter(name='full', summary='Fills the disk.', run=full)\n"
+    )
+    file = fleet(tmp_path, {"A/d0": "good 1"})
+    file.write_text(file.read_text(encoding="utf-8") + "exports: [full]\n", encoding="utf-8")
+    install(tmp_path / "site", "full", modules={"full.py": module}, points={"exporter.full": "full"})
+    code, _, errors = finish(file)
+    assert code == 6
+    assert "not_written" in errors
+    assert "no space left on device" in errors
+    assert results(file.parent / "results") == {}
