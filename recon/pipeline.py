@@ -125,11 +125,17 @@ def _dumper() -> type[Any]:
 
 def shipped() -> dict[str, Path]:
     """Pipelines that come with recon, and those of other distributions (entry points `pipeline.<name>`), by name."""
-    found = {path.stem: path for folder in _shipped_folders() for path in sorted(folder.glob("*.yaml"))}
+    files = (path for folder in _shipped_folders() for path in sorted(folder.glob("*.yaml")))
+    found = {path.stem: path for path in files if not _is_batch(path)}
     for point in entry_points(group=GROUP):
         if point.name.startswith(PIPELINE):
             found.setdefault(point.name.removeprefix(PIPELINE), _packaged(point.value))
     return found
+
+
+def _is_batch(path: Path) -> bool:
+    """Does the file say how a pipeline runs over many drives, rather than being one?"""
+    return any(line.startswith("batch:") for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def _packaged(place: str) -> Path:
