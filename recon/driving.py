@@ -99,7 +99,7 @@ def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Obse
     row = _new_rows(gnss, start_ns)
     t_s = seconds(gnss, since=start_ns)[row]
     place = np.array([_column(gnss, name, row) for name in ("lat", "lon", "height")])
-    known = np.isfinite(place[:2]).all(axis=0)
+    known = np.isfinite(place[:2]).all(axis=0) & place[:2].any(axis=0)  # 0, 0 is what many write before the first fix
     if (np.abs(place[0, known]) > 90.0).any():
         raise DataError("latitudes beyond 90 deg", "are lat and lon swapped, or not in degrees?")
     anchor = _own_anchor(gnss) or _first_place(place, known)

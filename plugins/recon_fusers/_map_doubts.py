@@ -30,6 +30,8 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
     notes = []
     if not solved.converged:
         notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it")
+    if has(gnss, "lat") and not np.isfinite(fixes.pos_sigma[:2]).any():
+        notes.append("no GNSS positions: latitude and longitude are 0 or missing in every row, as without a fix")
     notes += _misfit("positions", fixes.pos_sigma, solved.pos_weight, solved.pos_residual, found)
     notes += _misfit("velocities", fixes.vel_sigma, solved.vel_weight, solved.vel_residual, found)
     drift, expected = float(solved.noise.drift[0]), float(observed.drift[0])

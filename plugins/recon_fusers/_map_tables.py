@@ -115,7 +115,7 @@ def residuals(found: Estimate, observed: Observed, gnss: pa.Table) -> pa.Table:
     """What every fix says less what was found, axis by axis, with the weight that it got.
 
     Of positions the slow error that was found is taken off; sigma is that of the residual, the fix's white error less
-    what the trajectory has taken of it. Velocities that only say that it is small are left out.
+    what the solution has taken of it. Velocities that only say that it is small are left out.
     """
     solved, fixes = found.solved, observed.fixes
     epochs = solved.epochs
@@ -125,29 +125,42 @@ def residuals(found: Estimate, observed: Observed, gnss: pa.Table) -> pa.Table:
     stamps, share = time_ns(gnss)[observed.row[fix]], fixes.share[fix]
     names = {"vector": ("vel_e", "vel_n", "vel_u"), "course": ("vel_along", "vel_across", "vel_u")}
     names["speed"] = ("speed", "vel_across", "vel_u")
+    knot = epochs.interval[at] + (solved.inside.u[at] > 0.5)
     parts = []
     for residual, sigma, weight, components, scale, explained in (
         (solved.pos_residual, fixes.pos_sigma, solved.pos_weight, ("pos_e", "pos_n", "pos_u"), solved.noise.position,
-         _explained(found, at, (DRIFT, POSITION))),
+         _explained_position(found)),
         (solved.vel_residual, np.where(fixes.small_only, np.inf, fixes.vel_sigma), solved.vel_weight,
-         names.get(observed.kind, ()), solved.noise.velocity, _explained(found, at, (VELOCITY,))),
+         names.get(observed.kind, ()), solved.noise.velocity, _explained_velocity(found)),
     ):  # fmt: skip
         for axis, component in enumerate(components):
             seen = np.isfinite(sigma[axis, fix])
             white = sigma[axis, fix[seen]] * scale[axis]
-            kept = 1.0 - explained[axis, seen] * share[seen] / white**2
+            kept = 1.0 - explained[knot[seen], axis] * share[seen] / white**2
             width = white * np.sqrt(np.maximum(kept, _LEAST_OWN))
             value = -residual[axis, at[seen]] / np.sqrt(share[seen]) * white
             parts.append((stamps[seen], component, value, width, weight[at[seen]]))
     return _residual_table(parts)
 
 
-def _explained(found: Estimate, at: NDArray[np.intp], parts: tuple[slice, ...]) -> Array:
-    """Variance of the sum of parts of the state at the knots nearest to some epochs: (3, n)."""
-    inside = found.solved.inside
-    knot = found.solved.epochs.interval[at] + (inside.u[at] > 0.5)
-    columns = [found.covariance[:, a, b] for a in parts for b in parts]
-    return np.asarray(np.diagonal(sum(columns), axis1=1, axis2=2)[knot].T)
+def _explained_position(found: Estimate) -> Array:
+    """Variance of what the solution says that GNSS shows at each knot: (N, 3) m^2.
+
+    Position, slow error, antenna and delay make up one for the other, so that their sum is known far better than each:
+
+        y = pos + drift + rot_ns lever + vel lag
+    """
+    state, common = found.solved.state, np.r_[LEVER, LAG]
+    by_common = np.concatenate([state.rot_ns.transpose(2, 0, 1), state.vel_n.T[:, :, None]], axis=2)
+    own = sum(found.covariance[:, a, b] for a in (DRIFT, POSITION) for b in (DRIFT, POSITION))
+    cross = (found.cross[:, DRIFT] + found.cross[:, POSITION])[..., common]
+    shared = by_common @ found.covariance_common[np.ix_(common, common)]
+    return np.asarray(np.diagonal(own, axis1=1, axis2=2) + ((2.0 * cross + shared) * by_common).sum(axis=2))
+
+
+def _explained_velocity(found: Estimate) -> Array:
+    """Variance of the velocity at each knot: (N, 3) m^2/s^2."""
+    return np.asarray(np.diagonal(found.covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2))
 
 
 def _residual_table(parts: list[tuple[NDArray[np.int64], str, Array, Array, Array]]) -> pa.Table:
@@ -263,12 +276,12 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
         rows.append(Metric("gnss_velocity_noise_factor", float(noise.velocity[0]), "1", note="on the sigma"))
     used = solved.epochs.fix >= 0
     for name, sigma, weight in (
-        ("position", fixes.pos_sigma, solved.pos_weight),
-        ("velocity", fixes.vel_sigma, solved.vel_weight),
+        ("positions", fixes.pos_sigma, solved.pos_weight),
+        ("velocities", fixes.vel_sigma, solved.vel_weight),
     ):
         seen = used & np.isfinite(sigma[:, solved.epochs.fix]).any(axis=0)
         if seen.any():
-            rows.append(Metric(f"gnss_{name}s", float(seen.sum())))
-            rows.append(Metric(f"gnss_{name}s_rejected", float((seen & (weight < 0.5)).sum())))
+            rows.append(Metric(f"gnss_{name}", float(seen.sum())))
+            rows.append(Metric(f"gnss_{name}_rejected", float((seen & (weight < 0.5)).sum())))
     rows.append(Metric("steps", float(solved.steps), note="of Gauss and Newton to convergence"))
     return rows

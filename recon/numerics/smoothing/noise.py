@@ -223,13 +223,13 @@ def at_least_still(noise: Noise, still: tuple[float | None, float | None]) -> No
 def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, float | None]) -> Noise:
     """The noise of largest posterior likelihood about a solution.
 
-    still : densities of gyro and accelerometer at stops, which bound those of the moving car; None where unknown: then
-        those at hand are not made smaller, for loose constraints would take their place
+    still : densities of gyro and accelerometer at stops, which bound those of the moving car; None or 0 where unknown:
+        then those at hand are not made smaller, for loose constraints would take their place
     """
     likelihood = Likelihood(smoother, solved)
     low, high = np.full(len(_NAMES), -_REACH), np.full(len(_NAMES), _REACH)
     for index, floor, now in ((7, still[0], solved.noise.gyro), (8, still[1], solved.noise.accel)):
-        low[index] = 0.0 if floor is None else min(0.0, float(np.log(_STILL_FACTOR * floor / now)))
+        low[index] = 0.0 if not floor else min(0.0, float(np.log(_STILL_FACTOR * floor / now)))
     unseen = np.flatnonzero(likelihood.counts == 0.0) + 3
     low[unseen] = high[unseen] = 0.0
     return scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
