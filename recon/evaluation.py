@@ -150,7 +150,7 @@ def evaluate(
         _lengths(wrong.pos_n),
         _lengths(wrong.vel_n),
         {name: statistics(np.degrees(sizes)) for name, sizes in _angles(wrong).items()},
-        tuple(_relative(run, found.reference)),
+        tuple(_relative(run, found.reference)) if found.same_body else (),
         tuple(_outages(run.t_ns, wrong, spans(events, "outage"))),
         dict.fromkeys(_GROUPS) if align != "none" else consistency_of(found),
     )
@@ -181,7 +181,10 @@ def match(trajectory: pa.Table, reference: pa.Table) -> Matched:
     clock, compared = ("reference", len(other)) if other.step_ns > own.step_ns else ("trajectory", len(own))
     body, other_body = (meta(table).get("body", "vehicle") for table in (trajectory, reference))
     if body != other_body:
-        notes.append(f"the attitude of the reference is that of its {other_body}: a constant difference is no error")
+        notes.append(
+            f"the attitude of the reference is that of its {other_body}: a constant difference is no error, and "
+            "segments, which are seen from the body, are not compared"
+        )
     seconds = _seconds(run), _seconds(own)
     return Matched(run, truth, compared, clock, *seconds, body == other_body, tuple(notes))
 

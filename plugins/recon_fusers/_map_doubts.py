@@ -14,7 +14,9 @@ from recon.driving import Observed
 from recon.numerics.smoothing import Estimate
 
 _REJECTED: Final = 0.2
-"""Share of fixes put aside, beyond which the rest is not to be trusted either."""
+"""Share of fixes put aside, beyond which the rest is in doubt, too."""
+_MOST_REJECTED: Final = 0.4
+"""The same, beyond which it is not to be trusted."""
 _LARGE_RESIDUAL: Final = 2.0
 """Root mean square of accepted residuals in sigmas."""
 _LARGE_DRIFT: Final = (20.0, 5.0)
@@ -53,7 +55,11 @@ def _misfit(name: str, sigma: Array, weight: Array, residual: Array, found: Esti
     notes = []
     share = float((weight[seen] < 0.5).mean())
     if share > _REJECTED:
-        notes.append(f"{share:.0%} of the GNSS {name} do not fit the IMU and were put aside: check units and clocks")
+        verdict = "do not trust the result" if share > _MOST_REJECTED else "take care"
+        notes.append(
+            f"{share:.0%} of the GNSS {name} do not fit the IMU and were put aside: {verdict}; "
+            "check units, axes and clocks"
+        )
     good = finite & (weight > 0.5)
     size = float(np.sqrt((residual[good] ** 2).mean())) if good.any() else 0.0
     if size > _LARGE_RESIDUAL:
