@@ -42,7 +42,7 @@ def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
         file.save(path)
         file.send_recording_name(about.name)
         space = draw_space(file, streams)
-        panels = panels_of(streams)
+        panels = [panel for panel in panels_of(streams) if panel.group != "sensors"]  # all of a sensor is drawn below
         panels += list(_sigma_panels(panels))
         for panel in panels:
             for number, curve in enumerate(panel.curves):

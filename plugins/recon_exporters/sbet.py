@@ -102,7 +102,7 @@ def _notes(rows: pa.Table, of: int, about: RunInfo) -> str:
     facts = meta(rows)
     scale = "GPS time, made from UTC" if _is_utc(rows) else f"those of the log, {facts['time_scale']}"
     lines = [
-        f"{' '.join(about.name.split())}: {rows.num_rows} of {of} rows; those without a place or an attitude are left out",
+        f"{' '.join(about.name.split())}: {rows.num_rows} of {of} rows; those without place or attitude are left out",
         f"records: 17 doubles, little-endian; times: {scale}, s since the week of the first row began",
         f"altitudes: above {_DATUMS.get(facts.get('height_datum', ''), 'a datum that is not known')}",
         "velocity: east, north, up; acceleration and angular rate: forward, right, down; gravity removed",

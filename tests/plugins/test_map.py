@@ -9,7 +9,7 @@ from map_drives import drive, errors, fused, numbers, scaled, without
 
 from recon import KNOTS, RESIDUALS, TRAJECTORY, Streams, matrix, meta, time_ns, vector
 from recon.errors import DataError
-from recon.rows import warnings_of
+from recon.rows import spans, warnings_of
 from recon.tables import conform, select_rows, times
 
 OUTAGE = (150.0, 190.0)
@@ -57,20 +57,21 @@ def test_specific_force_and_gravity_make_the_acceleration_of_the_truth(streams, 
 
 def test_standstills_and_the_outage_are_events(streams, found):
     start = time_ns(streams["imu"])[0]
-    spans = {"standstill": [], "outage": []}
-    for event in found["events"].to_pylist():
-        spans[event["kind"]].append(((event["time"].value - start) * 1e-9, (event["end_time"].value - start) * 1e-9))
+    seen = {
+        kind: [((first - start) * 1e-9, (last - start) * 1e-9) for first, last in spans(found["events"], kind)]
+        for kind in ("standstill", "outage")
+    }
     # The fixes of each second end before the outage and begin again with it.
-    (outage,) = spans["outage"]
+    (outage,) = seen["outage"]
     assert outage == pytest.approx((OUTAGE[0] - 1.0, OUTAGE[1]), abs=0.01)
     truth = streams["reference"]
     t_s = (time_ns(truth) - start) * 1e-9
     speed = np.sqrt((matrix(truth, "vel") ** 2).sum(axis=1))
-    for first, last in spans["standstill"]:
+    for first, last in seen["standstill"]:
         # The limit above which no fix belongs to a standstill, see smoothing.stops.
         assert speed[(t_s > first) & (t_s < last)].max() < 0.6
     # It stands for 30 s to begin with; the first and the last second of a stop may be missed.
-    assert spans["standstill"][0] == pytest.approx((0.0, 30.0), abs=2.0)
+    assert seen["standstill"][0] == pytest.approx((0.0, 30.0), abs=2.0)
 
 
 def test_every_fix_has_its_residuals_in_sigmas(streams, found):
@@ -115,9 +116,8 @@ def test_rows_of_latitude_and_longitude_zero_are_no_positions(streams):
 def test_bursts_are_put_aside_and_good_fixes_are_not(streams, found):
     t_ns = time_ns(found["residuals"])
     bad = np.zeros(len(t_ns), dtype=bool)
-    for event in streams["events"].to_pylist():
-        if event["kind"] == "multipath":
-            bad |= (t_ns >= event["time"].value) & (t_ns <= event["end_time"].value)
+    for first, last in spans(streams["events"], "multipath"):
+        bad |= (t_ns >= first) & (t_ns <= last)
     assert bad.any()
     names = np.array(found["residuals"]["component"].to_pylist())
     place = np.char.startswith(names.astype(str), "pos")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 from peers.drives import Drive, Estimate
 from peers.scores import Errors, Score, in_outage, score
@@ -194,9 +195,10 @@ def _struck(streams: Streams) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Fixes that a burst of multipath hits, and those that one of more than OUTLIER m does: (m,) each."""
     fix_ns = time_ns(streams["gnss"])
     hit, far = np.zeros((2, len(fix_ns)), dtype=bool)
-    for event in streams["events"].to_pylist():
-        if event["kind"] == "multipath":
-            inside = (fix_ns >= event["time"].value) & (fix_ns <= event["end_time"].value)
-            hit |= inside
-            far |= inside & (event["value"] > OUTLIER)
+    events = streams["events"]
+    bursts = events.filter(pc.equal(events["kind"], "multipath"))
+    for first, last, size in zip(time_ns(bursts), time_ns(bursts, "end_time"), vector(bursts, "value"), strict=True):
+        inside = (fix_ns >= first) & (fix_ns <= last)
+        hit |= inside
+        far |= inside & (size > OUTLIER)
     return hit, far
