@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         StorageError,
     )
     from recon.hookspecs import hookimpl
+    from recon.movement import Movement, Movements
     from recon.parameters import Params, quantity, setting
     from recon.pipeline import Pipeline
     from recon.recording import Recording
@@ -82,13 +83,14 @@ if TYPE_CHECKING:
         vector,
         with_meta,
     )
-    from recon.trajectory import Movement, Pose, Poses, Trajectory
+    from recon.trajectory import Pose, Poses, Trajectory
 
 _HOMES = {
     "api": "Run evaluate open read run",
     "errors": "ConfigError ContractError DataError NotEnoughData PluginError ReadFailed ReconError StageError "
     "StorageError",
     "hookspecs": "hookimpl",
+    "movement": "Movement Movements",
     "parameters": "Params quantity setting",
     "pipeline": "Pipeline",
     "recording": "Recording",
@@ -98,7 +100,7 @@ _HOMES = {
     "Change Column Need Schema",
     "stages": "Aligner Analyzer Detector Executor Exporter Filter Fuser Integrator Reader Simulator Sniff",
     "tables": "Array Streams build has matrix meta replace seconds select_rows time_ns times vector with_meta",
-    "trajectory": "Movement Pose Poses Trajectory",
+    "trajectory": "Pose Poses Trajectory",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 
@@ -135,6 +137,7 @@ __all__ = [
     "Integrator",
     "Metric",
     "Movement",
+    "Movements",
     "Need",
     "NotEnoughData",
     "Params",

@@ -51,7 +51,7 @@ class Run:
         """The trajectory, with sigmas of changes where the fuser tells them. Raises DataError where there is none."""
         if "trajectory" not in self.recording:
             raise DataError("this run has no trajectory", f"its streams are {', '.join(self.recording)}")
-        return Trajectory(self.recording["trajectory"], self.recording.get("knots"))
+        return Trajectory(self.recording["trajectory"], self.recording.get("knots"), self.recording.get("frames"))
 
     @property
     def events(self) -> pa.Table | None:

@@ -25,10 +25,12 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations, combinations_with_replacement
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import ArrayLike
 
 from recon.errors import DataError
 from recon.tables import Array, time_ns, vector
@@ -39,6 +41,8 @@ VELOCITY: Final = slice(3, 6)
 ATTITUDE: Final = slice(6, 9)
 
 _TRIANGLE: Final = np.tril_indices(SIZE)
+_AT_ONCE: Final = 8192
+"""Changes; each takes some 10 kB while it is worked out."""
 
 
 @dataclass(frozen=True)
@@ -91,48 +95,66 @@ class Knots:
             "shared": _lists(self.shared.reshape(count, -1)),
         }
 
-    def covariance(self, i: int, j: int) -> Array:
-        """Covariance of the errors at two knots: (9, 9), rows of knot i, columns of knot j."""
-        if i > j:
-            return self.covariance(j, i).T
-        moved = np.zeros((SIZE, self.chain.shape[1]))
-        moved[:, :SIZE] = self.root[i]
-        for step in self.chain[i:j]:
-            moved += moved @ step
-        return np.asarray(moved[:, :SIZE] @ self.root[j].T + self.shared[i] @ self.shared[j].T)
+    def covariance(self, i: ArrayLike, j: ArrayLike) -> Array:
+        """Covariance of the errors at pairs of knots: (..., 9, 9) of (...) numbers, rows of knot i, columns of j."""
+        i, j = np.broadcast_arrays(i, j)
+        first, last = np.minimum(i, j).ravel(), np.maximum(i, j).ravel()
+        moved = np.zeros((len(first), SIZE, self.chain.shape[1]))
+        moved[:, :, :SIZE] = self.root[first]
+        for knot in range(first.min(initial=len(self.t_ns)), last.max(initial=0)):
+            passing = (first <= knot) & (knot < last)
+            moved[passing] += moved[passing] @ self.chain[knot]
+        both = moved[:, :, :SIZE] @ _turned(self.root[last]) + self.shared[first] @ _turned(self.shared[last])
+        turned = (i > j).ravel()
+        both[turned] = _turned(both[turned])
+        return np.asarray(both.reshape(*i.shape, SIZE, SIZE))
 
-    def covariance_of_change(self, start_ns: int, stop_ns: int) -> Array:
-        """Covariance of the error at one time less that at another: (9, 9). Raises DataError outside of the knots."""
-        places = [self._locate(start_ns), self._locate(stop_ns)]
-        parts: dict[int, Array] = {}
-        for sign, (knot, step_s, length_s) in zip((-1.0, 1.0), places, strict=True):
-            for index, weights in zip((knot, knot + 1), _interpolation(step_s, length_s), strict=True):
-                parts[index] = parts.get(index, 0.0) + sign * weights
-        total = np.zeros((SIZE, SIZE))
-        for i, left in parts.items():
-            for j, right in parts.items():
-                total += left @ self.covariance(i, j) @ right.T
-        for knot in {place[0] for place in places}:
-            inside = [(sign, s, t) for sign, (k, s, t) in zip((-1.0, 1.0), places, strict=True) if k == knot]
-            for sign, s, length_s in inside:
-                for other, t, _ in inside:
-                    total += sign * other * self._pinned(knot, s, t, length_s)
-        return np.asarray(0.5 * (total + total.T))
+    def covariance_of_change(self, start_ns: ArrayLike, stop_ns: ArrayLike) -> Array:
+        """Covariance of the error at one time less that at another: (..., 9, 9) of (...) ns since 1970.
 
-    def _locate(self, t_ns: int) -> tuple[int, float, float]:
-        """The knot before a time, s since then, and s from there to the next."""
-        if not self.t_ns[0] <= t_ns <= self.t_ns[-1]:
+        Raises DataError outside of the knots.
+        """
+        start_ns, stop_ns = np.broadcast_arrays(np.asarray(start_ns, np.int64), np.asarray(stop_ns, np.int64))
+        pairs = np.stack([start_ns.ravel(), stop_ns.ravel()])
+        blocks = [pairs[:, first : first + _AT_ONCE] for first in range(0, pairs.shape[1], _AT_ONCE)]
+        found = [self._of_changes(*block) for block in blocks]
+        return np.concatenate([np.zeros((0, SIZE, SIZE)), *found]).reshape(*start_ns.shape, SIZE, SIZE)
+
+    def _of_changes(self, start_ns: np.ndarray, stop_ns: np.ndarray) -> Array:
+        """As `covariance_of_change` of times (n,)."""
+        (before, s, length_s), (after, t, other_length_s) = self._locate(start_ns), self._locate(stop_ns)
+        knots = np.stack([before, before + 1, after, after + 1])
+        weights = np.stack([*(-_interpolation(s, length_s)), *_interpolation(t, other_length_s)])
+        for one, other in combinations(range(4), 2):  # what two share is added up first: it may nearly cancel
+            same = knots[one] == knots[other]
+            weights[one, same] += weights[other, same]
+            weights[other, same] = 0.0
+        total = np.zeros((len(start_ns), SIZE, SIZE))
+        for one, other in combinations_with_replacement(range(4), 2):
+            part = weights[one] @ self.covariance(knots[one], knots[other]) @ _turned(weights[other])
+            total += part if one == other else part + _turned(part)
+        total += self._pinned(before, s, s, length_s) + self._pinned(after, t, t, other_length_s)
+        common = self._pinned(before, np.minimum(s, t), np.maximum(s, t), length_s)
+        total -= (before == after)[:, None, None] * (common + _turned(common))
+        return np.asarray(0.5 * (total + _turned(total)))
+
+    def _locate(self, t_ns: np.ndarray) -> tuple[np.ndarray, Array, Array]:
+        """The knot before each time, s since then, and s from there to the next."""
+        if not ((self.t_ns[0] <= t_ns) & (t_ns <= self.t_ns[-1])).all():
             raise DataError("the sigmas of this trajectory do not reach to one of the times")
-        knot = min(int(np.searchsorted(self.t_ns, t_ns, side="right")) - 1, len(self.t_ns) - 2)
+        knot = np.minimum(np.searchsorted(self.t_ns, t_ns, side="right") - 1, len(self.t_ns) - 2)
         return knot, (t_ns - self.t_ns[knot]) * 1e-9, (self.t_ns[knot + 1] - self.t_ns[knot]) * 1e-9
 
-    def _pinned(self, knot: int, s: float, t: float, length_s: float) -> Array:
-        """Covariance at s and t after a knot of noise that is nought there and at the next: (9, 9)."""
-        if s > t:
-            return self._pinned(knot, t, s, length_s).T
-        moving = _wandered(s) @ _moved(t - s).T - _share(s, length_s) @ _wandered(length_s) @ _share(t, length_s).T
+    def _pinned(self, knot: np.ndarray, s: Array, t: Array, length_s: Array) -> Array:
+        """Covariance at s and t, not before s, after a knot of noise that is nought there and at the next: (n, 9, 9).
+
+        Of times in one interval; for others it means nothing.
+        """
+        moving = _wandered(s) @ _turned(_moved(t - s))
+        moving -= _share(s, length_s) @ _wandered(length_s) @ _turned(_share(t, length_s))
         turning = s - s * t / length_s
-        return _on_axes(moving * self.accel_noise[knot] ** 2, turning * self.gyro_noise[knot] ** 2)
+        accel, gyro = self.accel_noise[knot] ** 2, self.gyro_noise[knot] ** 2
+        return _on_axes(moving * accel[:, None, None], turning * gyro)
 
 
 def _flat(lists: pa.ChunkedArray) -> Array:
@@ -145,32 +167,42 @@ def _lists(rows: Array) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(offsets), pa.array(rows.astype(np.float32).reshape(-1)))
 
 
-def _interpolation(step_s: float, length_s: float) -> tuple[Array, Array]:
-    """What the errors at the knot before and at the next have in that `step_s` after the first: (9, 9) each."""
+def _turned(matrices: Array) -> Array:
+    """(..., n, m) as (..., m, n)."""
+    return np.asarray(matrices.swapaxes(-1, -2))
+
+
+def _interpolation(step_s: Array, length_s: Array) -> Array:
+    """What the errors at the knot before and at the next have in those that long after the first: (2, n, 9, 9)."""
     after = _share(step_s, length_s)
     before = _moved(step_s) - after @ _moved(length_s)
     share = step_s / length_s
-    return _on_axes(before, 1.0 - share), _on_axes(after, share)
+    return np.stack([_on_axes(before, 1.0 - share), _on_axes(after, share)])
 
 
-def _share(step_s: float, length_s: float) -> Array:
-    """What position and velocity at the end of an interval have in those inside: (2, 2). Barfoot 2014, eq. 19."""
-    return np.asarray(_wandered(step_s) @ _moved(length_s - step_s).T @ np.linalg.inv(_wandered(length_s)))
+def _share(step_s: Array, length_s: Array) -> Array:
+    """What position and velocity at the end of an interval have in those inside: (n, 2, 2). Barfoot 2014, eq. 19."""
+    return np.asarray(_wandered(step_s) @ _turned(_moved(length_s - step_s)) @ np.linalg.inv(_wandered(length_s)))
 
 
-def _moved(step_s: float) -> Array:
-    """Position and velocity after a time, from those before: (2, 2)."""
-    return np.array([[1.0, step_s], [0.0, 1.0]])
+def _moved(step_s: Array) -> Array:
+    """Position and velocity after a time, from those before: (n, 2, 2)."""
+    one, none = np.ones_like(step_s), np.zeros_like(step_s)
+    return _two_by_two(one, step_s, none, one)
 
 
-def _wandered(step_s: float) -> Array:
-    """Covariance of position and velocity after white noise of unit density on the acceleration: (2, 2)."""
-    return np.array([[step_s**3 / 3.0, step_s**2 / 2.0], [step_s**2 / 2.0, step_s]])
+def _wandered(step_s: Array) -> Array:
+    """Covariance of position and velocity after white noise of unit density on the acceleration: (n, 2, 2)."""
+    return _two_by_two(step_s**3 / 3.0, step_s**2 / 2.0, step_s**2 / 2.0, step_s)
 
 
-def _on_axes(moving: Array, turning: float) -> Array:
-    """Of position and velocity (2, 2), and of attitude, the same on all three axes: (9, 9)."""
-    whole = np.zeros((SIZE, SIZE))
-    whole[:6, :6] = np.kron(moving, np.eye(3))
-    whole[ATTITUDE, ATTITUDE] = turning * np.eye(3)
+def _two_by_two(*entries: Array) -> Array:
+    return np.stack(entries, axis=-1).reshape(-1, 2, 2)
+
+
+def _on_axes(moving: Array, turning: Array) -> Array:
+    """Of position and velocity (n, 2, 2), and of attitude (n,), the same on all three axes: (n, 9, 9)."""
+    whole = np.zeros((len(moving), SIZE, SIZE))
+    whole[:, :6, :6] = np.einsum("nij,kl->nikjl", moving, np.eye(3)).reshape(-1, 6, 6)
+    whole[:, ATTITUDE, ATTITUDE] = turning[:, None, None] * np.eye(3)
     return whole

@@ -1,8 +1,8 @@
-"""The query side of a trajectory: pose at a time, change between two, path length, deviation from a reference."""
+"""The query side of a trajectory: pose at a time, movement between two, path length."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from html import escape
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, overload
@@ -12,13 +12,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import DataError
-from recon.knots import ATTITUDE, POSITION, SIZE, VELOCITY, Knots
-from recon.numerics.geodesy import geodetic_to_enu
-from recon.numerics.rotation import angle, conjugate, rotate, shortest_arc, slerp, to_euler
-from recon.numerics.signals import interpolate_angle, wrap_angle
-from recon.placing import EARTHS, anchor_of
+from recon.knots import SIZE, Knots
+from recon.movement import Movement, Movements, movements
+from recon.numerics.rotation import slerp
+from recon.numerics.signals import interpolate_angle
+from recon.placing import EARTHS
 from recon.problems import shortened
 from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.units import parse_quantity
 
 if TYPE_CHECKING:
     from pyquaternion import Quaternion
@@ -28,6 +29,12 @@ Times: TypeAlias = OneTime | list[Any] | NDArray[Any]
 
 LAST_NS: Final = 2**63 - 1
 """Greatest int64."""
+
+HINT: Final = (
+    "give seconds after the first row, text such as '100s', '#12' for a frame, ISO text, a datetime or a "
+    "numpy.datetime64"
+)
+"""What a time may be."""
 
 _SAME_M: Final = 1e-6
 """m by which a knot may be apart from its trajectory."""
@@ -65,32 +72,8 @@ class Poses:
     def __len__(self) -> int:
         return len(self.time)
 
-
-@dataclass(frozen=True)
-class Movement:
-    """How the vehicle moved from one time to another; sigmas and covariances are NaN where they are not known.
-
-    start, stop : UTC; duration : s
-    displacement (3,) m, local East-North-Up, with displacement_covariance (3, 3) m^2; distance : m, its length
-    velocity_change (3,) m/s, local, with velocity_covariance (3, 3) (m/s)^2; delta_v : m/s, its length
-    heading_change : rad, clockwise, in (-pi, pi]; heading_sigma : rad
-
-    Sigmas of lengths are those along the vector, and of use where the length is well above them.
-    """
-
-    start: np.datetime64
-    stop: np.datetime64
-    duration: float
-    displacement: Array
-    displacement_covariance: Array
-    distance: float
-    distance_sigma: float
-    velocity_change: Array
-    velocity_covariance: Array
-    delta_v: float
-    delta_v_sigma: float
-    heading_change: float
-    heading_sigma: float
+    def __getitem__(self, rows: slice) -> Poses:
+        return Poses(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -98,11 +81,13 @@ class Trajectory:
     """A trajectory table with questions answered.
 
     table : the stream `trajectory`; knots : the stream of that name, from which sigmas of changes come, unless they are
-    those of another trajectory, which a later step has replaced
+    those of another trajectory, which a later step has replaced; frames : the stream of that name, whose rows "#12"
+    may name
     """
 
     table: pa.Table
     knots: pa.Table | None = None
+    frames: pa.Table | None = None
 
     def __len__(self) -> int:
         return int(self.table.num_rows)
@@ -131,12 +116,12 @@ class Trajectory:
     def at(self, times: Times) -> Pose | Poses:
         """The pose at one time, or at many: positions and velocities linear, attitudes spherical between rows.
 
-        times : ISO text (UTC where it names no zone), datetime, numpy.datetime64, or seconds after the first row;
-            a list or array of these gives Poses
+        times : ISO text (UTC where it names no zone), datetime, numpy.datetime64, or after the first row: seconds, or
+            text such as "100s"; "#12" is the time of the frame with the index 12; a list or array of these gives Poses
 
-        Raises DataError for what is no time, and for a time outside the trajectory.
+        Raises DataError for what is no time, for a time outside the trajectory, and for a frame that is not there.
         """
-        if isinstance(times, list) or (isinstance(times, np.ndarray) and times.ndim):
+        if _several(times):
             return self._poses(self._ns(times))
         poses = self._poses(self._ns([times]))
         from pyquaternion import Quaternion
@@ -145,35 +130,31 @@ class Trajectory:
         lat, lon, height = float(poses.lat[0]), float(poses.lon[0]), float(poses.height[0])
         return Pose(poses.time[0], poses.position[0], poses.velocity[0], attitude, lat, lon, height)
 
-    def between(self, start: OneTime, stop: OneTime) -> Movement:
+    @overload
+    def between(self, start: OneTime, stop: OneTime) -> Movement: ...
+    @overload
+    def between(self, start: Times, stop: Times) -> Movement | Movements: ...
+
+    def between(self, start: Times, stop: Times) -> Movement | Movements:
         """How the vehicle moved between two times, with sigmas where the fuser wrote the stream `knots`.
+
+        start, stop : as in `at`; where one of them is a list or array, or both are of one length, it gives Movements
 
         Errors at two times have much in common, so that changes are known far better than the sigmas of the
         trajectory suggest; recon.knots tells how sigmas come about, and what is left out of them.
 
         Raises DataError as `at`.
         """
-        t_ns = self._ns([start, stop])
-        poses = self._poses(t_ns)
+        several = _several(start) or _several(stop)
+        starts, stops = np.broadcast_arrays(*(self._ns(t if _several(t) else [t]) for t in (start, stop)))
+        poses = self._poses(np.concatenate([starts, stops]))
         known = self.knots is not None and self._passes(self.knots)
-        spread = Knots.of(self.knots).covariance_of_change(*t_ns.tolist()) if known else np.full((SIZE, SIZE), np.nan)
-        moved, faster = np.diff(poses.position, axis=0)[0], np.diff(poses.velocity, axis=0)[0]
-        yaw = to_euler(poses.attitude)[0]
-        return Movement(
-            start=poses.time[0],
-            stop=poses.time[1],
-            duration=float(t_ns[1] - t_ns[0]) * 1e-9,
-            displacement=moved,
-            displacement_covariance=spread[POSITION, POSITION],
-            distance=float(np.linalg.norm(moved)),
-            distance_sigma=_sigma_along(moved, spread[POSITION, POSITION]),
-            velocity_change=faster,
-            velocity_covariance=spread[VELOCITY, VELOCITY],
-            delta_v=float(np.linalg.norm(faster)),
-            delta_v_sigma=_sigma_along(faster, spread[VELOCITY, VELOCITY]),
-            heading_change=float(wrap_angle(yaw[0] - yaw[1])),
-            heading_sigma=float(np.sqrt(np.maximum(spread[ATTITUDE, ATTITUDE][2, 2], 0.0))),
-        )
+        unknown = np.full((len(starts), SIZE, SIZE), np.nan)
+        spread = Knots.of(self.knots).covariance_of_change(starts, stops) if known else unknown
+        along = self._way(stops) - self._way(starts)
+        before, after = poses[: len(starts)], poses[len(starts) :]
+        found = movements(before, after, np.abs(along), spread, EARTHS[meta(self.table).get("earth", "wgs84")])
+        return found if several else found.only()
 
     def _passes(self, knots: pa.Table) -> bool:
         """Does the trajectory pass through the knots?"""
@@ -185,7 +166,29 @@ class Trajectory:
         """Many times, each in any form, as ns since 1970: (n,)."""
         own = time_ns(self.table)
         start = int(own[0]) if len(own) else 0
-        return np.array([_since_1970(one, start) for one in moments], dtype=np.int64)
+        return np.array(
+            [self._of_frame(one) if _names_frame(one) else _since_1970(one, start) for one in moments], dtype=np.int64
+        )
+
+    def _of_frame(self, name: str) -> int:
+        """Time of the frame "#12". Raises DataError where there is none."""
+        if self.frames is None or not self.frames.num_rows:
+            hint = "name the images or their list beside the log: recon run PIPELINE LOG IMAGES"
+            raise DataError(f"there is no frame {name}: the run has no stream 'frames'", hint)
+        index = vector(self.frames, "index")
+        row = np.flatnonzero(index == int(name[1:]))
+        if not len(row):
+            raise DataError(f"there is no frame {name}; there are #{index.min():.0f} to #{index.max():.0f}")
+        return int(time_ns(self.frames)[row[0]])
+
+    def _way(self, t_ns: NDArray[np.int64]) -> Array:
+        """Length of the path from the first row to each time inside: (n,) m."""
+        pos = matrix(self.table, "pos", gaps=True)
+        known = np.isfinite(pos).all(axis=1)
+        own, steps = time_ns(self.table)[known], np.linalg.norm(np.diff(pos[known], axis=0), axis=1)
+        if not len(own):
+            return np.full(len(t_ns), np.nan)
+        return np.asarray(np.interp((t_ns - own[0]) * 1e-9, (own - own[0]) * 1e-9, np.append(0.0, np.cumsum(steps))))
 
     def _poses(self, t_ns: NDArray[np.int64]) -> Poses:
         own = time_ns(self.table)
@@ -211,13 +214,13 @@ class Trajectory:
         return f"<table>{cells}</table>"
 
 
-def _sigma_along(vector: Array, covariance: Array) -> float:
-    """Sigma of the length of a vector (3,), to first order; root mean square of that of one without length."""
-    length = np.linalg.norm(vector)
-    if length == 0.0:
-        return float(np.sqrt(np.maximum(np.trace(covariance), 0.0)))
-    along = vector / length
-    return float(np.sqrt(np.maximum(along @ covariance @ along, 0.0)))
+def _several(times: Times) -> bool:
+    """Is it more than one time?"""
+    return isinstance(times, list) or (isinstance(times, np.ndarray) and times.ndim > 0)
+
+
+def _names_frame(one: Any) -> bool:
+    return isinstance(one, str) and one.startswith("#") and one[1:].isdecimal() and one.isascii()
 
 
 def _since_1970(one: Any, start: int) -> int:
@@ -225,8 +228,7 @@ def _since_1970(one: Any, start: int) -> int:
     try:
         found = _nanoseconds(one, start)
     except (TypeError, ValueError, OverflowError) as error:
-        hint = "give seconds after the first row, ISO text, a datetime or a numpy.datetime64"
-        raise DataError(f"{shortened(repr(one))} is no time", hint) from error
+        raise DataError(f"{shortened(repr(one))} is no time", HINT) from error
     return min(max(found, -LAST_NS), LAST_NS)  # what int64 cannot hold is outside of every trajectory
 
 
@@ -234,7 +236,10 @@ def _nanoseconds(one: Any, start: int) -> int:
     if isinstance(one, int | float | np.integer | np.floating):
         return start + round(float(one) * 1e9)
     if isinstance(one, str):
-        one = datetime.fromisoformat(one)
+        try:
+            one = datetime.fromisoformat(one)
+        except ValueError:
+            return start + round(parse_quantity(one, into="s") * 1e9)
     if isinstance(one, datetime):
         aware = one if one.tzinfo else one.replace(tzinfo=UTC)
         since = aware - datetime(1970, 1, 1, tzinfo=UTC)
@@ -243,68 +248,6 @@ def _nanoseconds(one: Any, start: int) -> int:
     if np.isnat(moment):
         raise ValueError("not a time")
     return int(moment.astype(np.int64))
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """How far a trajectory is from a reference, nothing aligned: root mean squares over the common time.
-
-    horizontal, vertical : m; velocity : m/s; heading, tilt : deg, of x and of z of the vehicle; final : m, horizontal,
-    at the end
-    """
-
-    horizontal: float
-    vertical: float
-    velocity: float
-    heading: float
-    tilt: float
-    final: float
-
-
-def deviation(trajectory: pa.Table, reference: pa.Table) -> Deviation:
-    """Compare at the trajectory's times inside the reference, both as logged, without any alignment.
-
-    Where both know their place on the Earth, the reference is seen from the anchor of the trajectory; else positions
-    are compared as they are. East, north and up of the two anchors are taken as parallel: 0.2 mrad in a kilometre.
-
-    Raises DataError where they have no time in common.
-    """
-    t_ns, t_ref = time_ns(trajectory), time_ns(reference)
-    inside = (t_ns >= t_ref[0]) & (t_ns <= t_ref[-1]) if len(t_ref) else np.zeros(len(t_ns), dtype=bool)
-    if not inside.any():
-        raise DataError("the trajectory and the reference have no time in common")
-    truth = Trajectory(reference)._poses(t_ns[inside])
-    error = matrix(trajectory, "pos")[inside] - _seen_from(trajectory, truth)
-    speed_error = matrix(trajectory, "vel")[inside] - truth.velocity
-    q = matrix(trajectory, "q")[inside]
-    yaw_error = wrap_angle(to_euler(q)[0] - to_euler(truth.attitude)[0])
-    tilt = angle(shortest_arc(_up(q), _up(truth.attitude)), [1.0, 0.0, 0.0, 0.0])
-    horizontal = np.hypot(error[:, 0], error[:, 1])
-    return Deviation(
-        _rms(horizontal),
-        _rms(error[:, 2]),
-        _rms(np.linalg.norm(speed_error, axis=1)),
-        float(np.degrees(_rms(yaw_error))),
-        float(np.degrees(_rms(tilt))),
-        float(horizontal[-1]),
-    )
-
-
-def _seen_from(trajectory: pa.Table, truth: Poses) -> Array:
-    """Positions of the truth in the local frame of the trajectory: (n, 3) m."""
-    anchor = anchor_of(trajectory)
-    if anchor is None or not np.isfinite(truth.lat + truth.lon + truth.height).all():
-        return truth.position
-    return geodetic_to_enu(truth.lat, truth.lon, truth.height, anchor, EARTHS[meta(trajectory).get("earth", "wgs84")])
-
-
-def _up(q: Array) -> Array:
-    """Direction of up in the vehicle: (n, 3)."""
-    return rotate(conjugate(q), [0.0, 0.0, 1.0])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:

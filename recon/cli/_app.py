@@ -19,6 +19,7 @@ from recon.cli.evaluate import evaluate
 from recon.cli.export import export
 from recon.cli.fleet import fleet
 from recon.cli.inspect import inspect
+from recon.cli.measure import measure
 from recon.cli.new_plugin import new_plugin
 from recon.cli.plugins import plugins
 from recon.cli.run import run
@@ -31,7 +32,7 @@ UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
 _VERBS: Final = (
-    *(run, batch, fleet, validate, inspect, evaluate, compare),
+    *(run, batch, fleet, validate, inspect, evaluate, compare, measure),
     *(plugins, export, view, convert, demo, schema, new_plugin),
 )
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name

@@ -47,17 +47,11 @@ def demo(
 
 
 def _as_text(run: Run, drive: Path, thesis: Path) -> str:
-    from recon.trajectory import deviation
+    from recon.api import evaluate
+    from recon.cli.evaluate import as_text as errors_as_text
 
-    error = deviation(run.recording["trajectory"], run.recording["reference"])
-    rows = [
-        ("position", f"{error.horizontal:.2f} m horizontal, {error.vertical:.2f} m vertical"),
-        ("velocity", f"{error.velocity:.3f} m/s"),
-        ("heading", f"{error.heading:.2f} deg"),
-        ("tilt", f"{error.tilt:.2f} deg"),
-        ("at the end", f"{error.final:.2f} m horizontal"),
-    ]
     further = [
+        (f"recon measure {thesis} --from 30s --to 60s", "distance and bearing"),
         (f"recon inspect {thesis}", "what is in the result"),
         (f"recon export {thesis} csv", "tables for a spreadsheet"),
         (f"recon run {PIPELINE} LOG", "the same for a log of yours"),
@@ -68,8 +62,7 @@ def _as_text(run: Run, drive: Path, thesis: Path) -> str:
             f"reconstructed by pipeline '{PIPELINE}': {thesis}",
             as_text(run),
             "",
-            "root mean square of its error against the truth",
-            console.table(rows),
+            errors_as_text("against the truth", evaluate(run)),
             "",
             "next",
             console.table(further),

@@ -7,6 +7,7 @@ References
     NIMA TR8350.2 (2000), "Department of Defense World Geodetic System 1984", tables 3.1 and 3.4, eq. 4-1 and 4-3.
     Bowring (1976), "Transformation from spatial to geographical coordinates", Survey Review 23(181), 323-327.
     Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., chapter 2.
+    Karney (2013), "Algorithms for geodesics", J. Geodesy 87(1), 43-55, by his own package geographiclib.
 """
 
 from __future__ import annotations
@@ -128,6 +129,31 @@ def enu_to_geodetic(pos_n: ArrayLike, anchor: Anchor, ellipsoid: Ellipsoid = WGS
     """
     pos_e = _origin_e(anchor, ellipsoid) + np.asarray(pos_n, dtype=np.float64) @ local_axes_e(anchor.lat, anchor.lon).T
     return ecef_to_geodetic(pos_e, ellipsoid)
+
+
+def geodesic(
+    lat1_deg: ArrayLike, lon1_deg: ArrayLike, lat2_deg: ArrayLike, lon2_deg: ArrayLike, ellipsoid: Ellipsoid = WGS84
+) -> tuple[Floats, Floats, Floats]:
+    """The shortest way along the ellipsoid from one point to another. Karney 2013, to 15 nm; 50 us for each.
+
+    At a height h the way is longer by h / 6.4e6 m: 16 ppm in 100 m.
+
+    lat1_deg, lon1_deg, lat2_deg, lon2_deg : (...) deg, broadcast against each other; NaN gives NaN
+    returns : length (...) m; bearing at the first and at the second point (...) rad in [0, 2 pi), clockwise from true
+        north, NaN where the points are the same
+    """
+    from geographiclib.geodesic import Geodesic
+
+    earth, wanted = Geodesic(ellipsoid.a, ellipsoid.f), Geodesic.DISTANCE | Geodesic.AZIMUTH
+    places = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (lat1_deg, lon1_deg, lat2_deg, lon2_deg)))
+    found = np.full((places[0].size, 3), np.nan)
+    for row, place in zip(found, zip(*(part.ravel().tolist() for part in places), strict=True), strict=True):
+        way = earth.Inverse(*place, wanted)
+        row[:] = way["s12"], way["azi1"], way["azi2"]
+    found[found[:, 0] == 0.0, 1:] = np.nan
+    length, *bearings = found.T.reshape(3, *places[0].shape)
+    first, second = (np.radians(np.where(bearing < 0.0, bearing + 360.0, bearing) % 360.0) for bearing in bearings)
+    return length, first, second
 
 
 def normal_gravity(lat_deg: ArrayLike, height_m: ArrayLike) -> Floats:

@@ -81,6 +81,18 @@ def test_the_covariance_of_a_change_between_knots_is_that_of_the_difference(i: i
     np.testing.assert_array_equal(found, found.T)
 
 
+def test_many_changes_are_those_of_each_pair() -> None:
+    known = replace(chain(), accel_noise=np.full(6, 0.3), gyro_noise=np.full(6, 0.2))
+    starts, stops = (known.t_ns[0] + np.rint(np.random.default_rng(k).uniform(0, 1e10, 40)).astype(int) for k in (1, 2))
+    stops[:10] = starts[:10] + np.arange(10) * 1_000_000
+    many = known.covariance_of_change(starts.reshape(8, 5), stops.reshape(8, 5))
+    assert many.shape == (8, 5, SIZE, SIZE)
+    for pair, found in zip(zip(starts, stops, strict=True), many.reshape(-1, SIZE, SIZE), strict=True):
+        # The same sums in another order, of numbers up to a hundred.
+        np.testing.assert_allclose(found, known.covariance_of_change(*map(int, pair)), rtol=0.0, atol=1e-12)
+    assert known.covariance_of_change([], []).shape == (0, SIZE, SIZE)
+
+
 def test_what_a_stream_keeps_is_right_in_single_precision() -> None:
     known = chain()
     kept = Knots.of(build(KNOTS, time=known.t_ns, **known.columns()))

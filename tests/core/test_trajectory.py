@@ -1,8 +1,8 @@
-"""Questions to a trajectory: poses between rows, times in every form, lengths, deviation from a reference."""
+"""Questions to a trajectory: poses between rows, times in every form, movements, lengths."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
@@ -12,11 +12,12 @@ from pyquaternion import Quaternion
 
 from recon.errors import DataError
 from recon.knots import POSITION, SIZE, VELOCITY, Knots
-from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodetic_to_enu
+from recon.movement import Movement, Movements
+from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodesic, geodetic_to_enu
 from recon.numerics.rotation import Floats, from_euler, to_euler
-from recon.schema import GNSS, KNOTS, TRAJECTORY
-from recon.tables import build, replace, time_ns, times, with_meta
-from recon.trajectory import Deviation, Movement, Pose, Trajectory, deviation, summarize
+from recon.schema import FRAMES, GNSS, KNOTS, TRAJECTORY
+from recon.tables import build, replace, with_meta
+from recon.trajectory import HINT, Pose, Trajectory, summarize
 
 EPS = np.finfo(float).eps
 START = "2024-05-01T08:00:00Z"
@@ -112,7 +113,7 @@ def test_what_is_no_time_is_refused_with_what_is_one(moment: object) -> None:
     for asked in (moment, [1.0, moment]):
         with pytest.raises(DataError, match="is no time") as caught:
             Trajectory(line()).at(asked)  # type: ignore[call-overload]
-        assert caught.value.hint == "give seconds after the first row, ISO text, a datetime or a numpy.datetime64"
+        assert caught.value.hint == HINT
 
 
 @pytest.mark.parametrize("seconds", [1e12, -(10**30)])
@@ -236,76 +237,82 @@ def test_a_movement_outside_is_refused() -> None:
         Trajectory(line()).between(1.0, 11.0)
 
 
-def test_deviation_is_zero_from_itself() -> None:
-    assert deviation(line(), line()) == Deviation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def test_a_distance_on_the_ground_is_the_geodesic_and_bearings_are_from_true_north() -> None:
+    found = Trajectory(line(HERE)).between(1.0, 9.0)
+    lat, lon, _ = enu_to_geodetic(np.array([[3.0, 4.0, 0.0], [27.0, 36.0, 0.0]]), HERE)
+    # The points are 60 m above the ellipsoid, where a metre is longer by 60 / 6.4e6 than below, and 40 m of a chord are
+    # shorter than the arc by 7e-11 m. The line between two rows of `lat` and `lon` is passed through at its ends.
+    assert found.ground_distance == pytest.approx(40.0 / (1.0 + 60.0 / 6.38e6), rel=1e-6)
+    assert found.ground_distance == pytest.approx(float(geodesic(lat[0], lon[0], lat[1], lon[1])[0]), abs=ROUNDING)
+    # Meridians converge by sin(lat) dlon: 24 m of 4.6e6 m around the axis. The anchor's east and north are exact there.
+    assert found.initial_bearing == pytest.approx(np.arctan2(3.0, 4.0), abs=1e-5)
+    assert found.final_bearing - found.initial_bearing == pytest.approx(
+        np.sin(np.radians(44.5)) * np.radians(lon[1] - lon[0]), rel=1e-3
+    )
+    back = Trajectory(line(HERE)).between(9.0, 1.0)
+    assert back.initial_bearing == pytest.approx(found.final_bearing + np.pi, abs=1e-9)
+    assert (back.height_difference, back.path_length) == (-found.height_difference, found.path_length)
 
 
-def test_deviation_tells_each_kind_of_error_apart() -> None:
-    reference = line()
+def test_without_a_place_the_distance_is_level_and_there_are_no_bearings() -> None:
+    found = Trajectory(line()).between(1.0, 9.0)
+    assert (found.ground_distance, found.height_difference) == pytest.approx((40.0, 0.0))
+    assert np.isnan([found.initial_bearing, found.final_bearing, found.bearing_sigma]).all()
+
+
+def test_the_path_is_followed_and_not_cut_short() -> None:
     t_s = np.arange(11.0)
-    vel = np.tile([3.3, 4.4, 0.0], (11, 1))
-    moved = t_s[:, None] * vel + np.array([0.0, 0.0, 2.0])
-    found = deviation(trajectory(moved, vel, 3.0 + 0.1 * t_s + 0.02), reference)
-    # Half a metre per second apart: the mean of t^2 over 0, ..., 10 is 35.
-    assert found.horizontal == pytest.approx(0.5 * np.sqrt(35.0), rel=64.0 * EPS)
-    assert found.final == pytest.approx(5.0, rel=64.0 * EPS)
-    assert found.vertical == pytest.approx(2.0)
-    assert found.velocity == pytest.approx(0.5, rel=64.0 * EPS)
-    assert found.heading == pytest.approx(np.degrees(0.02), rel=64.0 * EPS / 0.02)
-    assert found.tilt == pytest.approx(0.0, abs=np.degrees(8.0 * EPS))
+    pos = np.column_stack([np.abs(t_s - 5.0), np.zeros(11), np.zeros(11)])
+    found = Trajectory(trajectory(pos, np.zeros((11, 3)), np.zeros(11))).between(2.5, 7.5)
+    assert (found.path_length, found.distance) == pytest.approx((5.0, 0.0))
 
 
-def test_tilt_is_the_angle_between_the_verticals_whatever_the_heading() -> None:
-    reference = line()
-    yaw, zero = 3.0 + 0.1 * np.arange(11.0), np.zeros(11)
-    tilted = replace(reference, q=from_euler(yaw + 2.5, zero + 0.03, zero))
-    found = deviation(tilted, reference)
-    assert found.tilt == pytest.approx(np.degrees(0.03), rel=64.0 * EPS / 0.03)
-    assert found.heading == pytest.approx(np.degrees(2.5), rel=64.0 * EPS)
+def test_many_movements_are_those_of_each_pair() -> None:
+    shared = np.random.default_rng(5).normal(size=(3, SIZE, 4))
+    found = Trajectory(line(HERE), knots(shared))
+    starts, stops = [0.0, 2.5, 9.0, 4.0], [10.0, 2.6, 1.0, 4.0]
+    many = found.between(starts, stops)
+    assert isinstance(many, Movements)
+    assert len(many) == 4
+    for row, (start, stop) in enumerate(zip(starts, stops, strict=True)):
+        alone = found.between(start, stop)
+        for field in fields(Movement):
+            np.testing.assert_array_equal(getattr(many, field.name)[row], getattr(alone, field.name), field.name)
+    assert isinstance(found.between(0.0, [1.0]), Movements)
+    np.testing.assert_allclose(found.between(0.0, np.arange(11.0)).path_length, 5.0 * np.arange(11.0), rtol=8.0 * EPS)
 
 
-def test_heading_differences_are_wrapped() -> None:
-    reference = line()
-    around = replace(reference, q=from_euler(3.0 + 0.1 * np.arange(11.0) + 6.2, np.zeros(11), np.zeros(11)))
-    assert deviation(around, reference).heading == pytest.approx(np.degrees(2.0 * np.pi - 6.2), rel=1e-12)
+def test_the_sigma_of_a_bearing_is_that_across_the_way() -> None:
+    shared = np.zeros((3, SIZE, 1))
+    # Across the direction (3, 4) / 5: 1 m after ten seconds, in which it went 50 m.
+    shared[:, POSITION.start, 0], shared[:, POSITION.start + 1, 0] = [0.0, -0.4, -0.8], [0.0, 0.3, 0.6]
+    found = Trajectory(line(HERE), knots(shared)).between(0.0, 10.0)
+    single = 8.0 * float(np.finfo(np.float32).eps)
+    assert found.bearing_sigma == pytest.approx(1.0 / 50.0, rel=2e-5)  # on the ellipsoid the way is 1e-5 shorter
+    assert (found.ground_distance_sigma, found.height_sigma) == pytest.approx((0.0, 0.0), abs=np.sqrt(single))
 
 
-def test_deviation_looks_between_the_rows_of_the_reference() -> None:
-    half_second = line().take(pa.array([2, 3, 4]))
-    shifted = replace(half_second, time=times(time_ns(half_second) + 500_000_000))
-    assert deviation(shifted, line()).horizontal == pytest.approx(2.5, rel=64.0 * EPS)
+def test_a_bearing_of_which_nothing_is_known_has_the_sigma_of_all_directions() -> None:
+    shared = np.zeros((3, SIZE, 2))
+    shared[2, POSITION.start : POSITION.start + 2] = 1e6 * np.eye(2)
+    found = Trajectory(line(HERE), knots(shared)).between(0.0, 10.0)
+    assert found.bearing_sigma == pytest.approx(np.pi / np.sqrt(3.0))
 
 
-def test_only_the_common_time_counts() -> None:
-    late = line(rows=21).slice(8)
-    assert deviation(late, line()) == Deviation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def test_without_common_time_there_is_no_deviation() -> None:
-    for reference in (line(rows=21).slice(15), line().slice(0, 0)):
-        with pytest.raises(DataError, match="no time in common"):
-            deviation(line(), reference)
-
-
-@pytest.mark.parametrize("earth", ["wgs84", "sphere"])
-def test_a_reference_with_another_anchor_is_seen_from_that_of_the_trajectory(earth: str) -> None:
-    lat, lon, height = enu_to_geodetic(np.array([[3.0, -2.0, 1.5]]), HERE, {"wgs84": WGS84, "sphere": SPHERE}[earth])
-    other = Anchor(float(lat[0]), float(lon[0]), float(height[0]))
-    reference = line(HERE, earth=earth)
-    # The same path, as someone sees it whose origin lies (3, -2, 1.5) m away.
-    t_s = np.arange(11.0)
-    vel = np.tile([3.0, 4.0, 0.0], (11, 1))
-    seen = trajectory(t_s[:, None] * vel - [3.0, -2.0, 1.5], vel, 3.0 + 0.1 * t_s, anchor=other, earth=earth)
-    found = deviation(seen, reference)
-    # The axes of the two anchors differ by 3.6 m / 6.4e6 m, over 50 m.
-    atol = ROUNDING + 50.0 * 3.7 / 6.3e6
-    assert (found.horizontal, found.vertical) == pytest.approx((0.0, 0.0), abs=atol)
-
-
-@pytest.mark.parametrize("anchors", [(None, HERE), (HERE, None), (None, None)])
-def test_positions_are_compared_as_they_are_where_a_place_is_not_known(anchors: tuple[Anchor | None, ...]) -> None:
-    given, truth = (line(anchor) for anchor in anchors)
-    assert deviation(given, truth) == Deviation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def test_frames_and_durations_name_times() -> None:
+    time = START_NS + np.array([500_000_000, 2_500_000_000])
+    frames = build(FRAMES, time=time, index=np.array([7, 12]), file=pa.array(["a.jpg", "b.jpg"]))
+    found = Trajectory(line(), frames=frames)
+    assert found.at("#12").position == pytest.approx([7.5, 10.0, 0.0])
+    assert found.at("2.5s").time == found.at("0.05 min").time - np.timedelta64(500, "ms") == found.at("#12").time
+    assert found.between("#7", "#12").duration == 2.0
+    with pytest.raises(DataError, match="there is no frame #9; there are #7 to #12"):
+        found.at("#9")
+    with pytest.raises(DataError, match="no stream 'frames'"):
+        Trajectory(line()).at("#12")
+    for wrong in ("#", "#-1", "#x", "12 m", "s"):
+        with pytest.raises(DataError, match="is no time"):
+            found.at(wrong)
 
 
 def test_a_summary_comes_from_the_trajectory_else_from_gnss() -> None:

@@ -7,12 +7,13 @@ from functools import partial
 import numpy as np
 import pymap3d
 import pytest
+from geographiclib.test.test_geodesic import GeodesicTest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from recon.numerics import geodesy
-from recon.numerics.geodesy import SPHERE, WGS84, Anchor
+from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodesic
 
 EPS = np.finfo(float).eps
 assert_within = partial(assert_allclose, rtol=0.0)
@@ -128,3 +129,25 @@ def test_earth_rate_points_north_and_up():
     rate = geodesy.earth_rate_n([0.0, 90.0, 30.0])
     expected = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, np.sqrt(0.75), 0.5]]) * 7.292115e-5
     assert_within(rate, expected, atol=4 * EPS * 7.3e-5)
+
+
+def test_geodesics_are_those_of_the_published_test_cases() -> None:
+    """The twenty cases that GeographicLib publishes with itself, as it prints them: 0.1 nm and 1e-13 deg."""
+    cases = np.array(GeodesicTest.testcases)
+    length, first, second = geodesic(cases[:, 0], cases[:, 1], cases[:, 3], cases[:, 4])
+    # The package claims 15 nm; 1e-12 deg are 1e-7 m at the far end of the Earth.
+    np.testing.assert_allclose(length, cases[:, 6], rtol=0.0, atol=15e-9)
+    for found, printed in ((first, cases[:, 2]), (second, cases[:, 5])):
+        np.testing.assert_allclose(np.degrees(found), printed % 360.0, rtol=0.0, atol=1e-12)
+
+
+def test_a_geodesic_of_a_sphere_is_a_great_circle() -> None:
+    length, first, second = geodesic(0.0, 10.0, 0.0, [11.0, 9.0, 10.0], SPHERE)
+    np.testing.assert_allclose(length, [np.radians(SPHERE.a), np.radians(SPHERE.a), 0.0], rtol=1e-14)
+    np.testing.assert_allclose(first, [np.pi / 2, 1.5 * np.pi, np.nan], rtol=1e-14)
+    np.testing.assert_array_equal(np.isnan(second), [False, False, True])
+
+
+def test_a_geodesic_from_nowhere_is_unknown() -> None:
+    assert np.isnan(geodesic(np.nan, 0.0, 1.0, 1.0)).all()
+    assert geodesic([], [], [], [])[0].shape == (0,)
