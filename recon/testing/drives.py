@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.numerics.geodesy import Anchor, enu_to_geodetic, normal_gravity
+from recon.numerics.geodesy import Anchor, earth_rate_n, enu_to_geodetic, normal_gravity
 from recon.numerics.motion import Drive, MotionTruth, specific_force
 from recon.numerics.rotation import Floats, conjugate, from_euler, heading_from_yaw, multiply, rotate
 from recon.numerics.signals import runs
@@ -74,6 +74,8 @@ class Conditions:
     noise : factor on the noise and bias of all sensors and on the drift of trajectory, 0 for ideal ones
     yaw : rad, turn of the drive and of its errors about the vertical; shift_n : (3,) m, move of the whole drive
     late_ns : shift of all times
+    earth : does the Earth rotate under the drive, as it does under real sensors?
+    slow : m, sigma on each axis of an error of the fixes that stays for minutes
     motion, step_s : what is driven; s between two samples of the imu
     """
 
@@ -82,6 +84,8 @@ class Conditions:
     yaw: float = 0.0
     shift_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
     late_ns: int = 0
+    earth: bool = False
+    slow: float = 0.0
     motion: Drive | RollingCircle = ROAD
     step_s: float = 0.01
 
@@ -157,8 +161,11 @@ def _inertial(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.
     """imu in the sensor frame; attitude and reference, both the truth; trajectory, which drifts from it."""
     truth = conditions.truth(conditions.step_s)
     rows, noise = len(truth.t_s), conditions.noise
-    accel_s = rotate(conjugate(MOUNTING), specific_force(truth, GRAVITY))
-    gyro_s = rotate(conjugate(MOUNTING), truth.gyro_v)
+    to_sensor, to_vehicle = conjugate(MOUNTING), conjugate(truth.q_nv)
+    earth_n = earth_rate_n(ANCHOR.lat) if conditions.earth else np.zeros(3)
+    coriolis_n = 2.0 * np.cross(earth_n, truth.vel_n)
+    accel_s = rotate(to_sensor, specific_force(truth, GRAVITY) + rotate(to_vehicle, coriolis_n))
+    gyro_s = rotate(to_sensor, truth.gyro_v + rotate(to_vehicle, earth_n))
     accel_s += noise * (np.array(ACCEL_BIAS_S) + 0.02 * rng.standard_normal((rows, 3)))
     gyro_s += noise * (np.array([0.002, -0.001, 0.0015]) + 0.001 * rng.standard_normal((rows, 3)))
     drift_n = noise * DRIFT * rotate(conditions.turn, rng.standard_normal(3))
@@ -196,7 +203,8 @@ def _satellite(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa
     truth = conditions.truth(0.2)
     rows, noise = len(truth.t_s), conditions.noise
     error_n = noise * rotate(conditions.turn, rng.standard_normal((rows, 3)))
-    pos_n = truth.pos_n + error_n
+    slow_n = conditions.slow * _slow(truth.t_s, np.random.default_rng((conditions.seed, 1)))
+    pos_n = truth.pos_n + error_n + rotate(conditions.turn, slow_n)
     vel_n = truth.vel_n + 0.05 * noise * rotate(conditions.turn, rng.standard_normal((rows, 3)))
     lat, lon, height = enu_to_geodetic(pos_n, ANCHOR)
     time = _times(truth.t_s, conditions)
@@ -227,6 +235,14 @@ def _satellite(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa
         accepted=pa.array([True] * rows),
     )
     return {"gnss": with_meta(gnss, **_PLACED), "residuals": with_meta(residuals, **_CLOCK)}
+
+
+def _slow(t_s: Floats, rng: np.random.Generator) -> Floats:
+    """A Gauss-Markov process of first order with sigma 1 and 300 s (Gelb 1974, ch. 3.6): (n, 3)."""
+    kept = np.exp(-np.diff(t_s, prepend=t_s[0]) / 300.0)[:, None]
+    steps = np.sqrt(1.0 - kept**2) * rng.standard_normal((len(t_s), 3))
+    left = np.cumprod(kept, axis=0)
+    return np.asarray(left * (rng.standard_normal(3) + np.cumsum(steps / left, axis=0)))
 
 
 def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
