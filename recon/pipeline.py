@@ -125,12 +125,17 @@ def _dumper() -> type[Any]:
 
 def shipped() -> dict[str, Path]:
     """Pipelines that come with recon, and those of other distributions (entry points `pipeline.<name>`), by name."""
-    files = (path for folder in _shipped_folders() for path in sorted(folder.glob("*.yaml")))
-    found = {path.stem: path for path in files if not _is_batch(path)}
+    found = own()
     for point in entry_points(group=GROUP):
         if point.name.startswith(PIPELINE):
             found.setdefault(point.name.removeprefix(PIPELINE), _packaged(point.value))
     return found
+
+
+def own() -> dict[str, Path]:
+    """Pipelines that come with recon, by name."""
+    files = (path for folder in _shipped_folders() for path in sorted(folder.glob("*.yaml")))
+    return {path.stem: path for path in files if not _is_batch(path)}
 
 
 def _is_batch(path: Path) -> bool:
@@ -157,7 +162,8 @@ def find(source: str | Path) -> Path:
     path = Path(source)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
         return path
-    known = shipped()
+    mine = own()
+    known = mine if path.name in mine else shipped()  # the names of other distributions are slow to find
     if path.name in known:
         return known[path.name]
     hint = did_you_mean(path.name, known) or f"shipped: {', '.join(sorted(known))}; a file ends in .yaml"
