@@ -2,8 +2,10 @@
 
     python tests/benchmarks/speed.py [--rows 10000 100000 ...] [--repeats 3]
 
-Logs of physycom `fullinertial` text are made from simulated city drives; each run is a process of its own, timed from
-the end of a small run, which does the imports and loads the stages, to the finished folder, with its peak memory.
+Logs of physycom `fullinertial` text are made from simulated city drives; each run is a process of its own, timed to the
+finished folder, with its peak memory. Before it the process runs a log of one minute, which does the imports and loads
+the stages, and then times logs of one and of two minutes: what both have in common is the start-up of a run (asking the
+readers, the plan, opening and naming files, the manifest), which is told apart from the time that the rows take.
 Single times depend on the machine: the slope of time over rows and the ratios between the rows of the table do not.
 """
 
@@ -31,20 +33,26 @@ ROWS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000)
 EPOCH_2000 = 946_681_200
 """1999-12-31T23:00:00Z in s since 1970: the zero of physycom's clock."""
 
+MINUTE = 6_000
 RUN = """
-import json, sys, time, recon
-warm_up, log, out = sys.argv[1:]
+import json, statistics, sys, time, recon
+minute, two_minutes, log, out = sys.argv[1:]
 registry = recon.Registry.installed()
-recon.run("thesis", warm_up, out + "-warm", registry=registry)
-start = time.perf_counter()
-run = recon.run("thesis", log, out, registry=registry)
-seconds = time.perf_counter() - start
+def timed(source, name):
+    start = time.perf_counter()
+    run = recon.run("thesis", source, out + name, registry=registry)
+    return time.perf_counter() - start, run
+timed(minute, "-warm")
+short = [(timed(minute, f"-1-{k}")[0], timed(two_minutes, f"-2-{k}")[0]) for k in range(7)]
+one, two = (statistics.median(times) for times in zip(*short))
+seconds, run = timed(log, "")
 try:
     import resource
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 except ImportError:
     peak = float("nan")
-print(json.dumps({"seconds": seconds, "peak_mb": peak, "steps": run.manifest["environment"]["step_seconds"]}))
+steps = run.manifest["environment"]["step_seconds"]
+print(json.dumps({"seconds": seconds, "start_up": 2 * one - two, "peak_mb": peak, "steps": steps}))
 """
 
 
@@ -90,15 +98,16 @@ def write_log(path: Path, rows: int) -> int:
     return path.stat().st_size
 
 
-def measure(warm_up: Path, log: Path, out: Path, repeats: int) -> dict[str, float]:
-    """Median time and largest peak memory over several processes."""
+def measure(short: Sequence[Path], log: Path, out: Path, repeats: int) -> dict[str, float]:
+    """Median times and largest peak memory over several processes. short : logs of one minute and of two"""
     found = []
     for number in range(repeats):
-        command = [sys.executable, "-c", RUN, str(warm_up), str(log), str(out / f"{log.stem}-{number}")]
+        command = [sys.executable, "-c", RUN, *map(str, short), str(log), str(out / f"{log.stem}-{number}")]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         found.append(json.loads(done.stdout.splitlines()[-1]))
     return {
         "seconds": float(np.median([one["seconds"] for one in found])),
+        "start_up": float(np.median([one["start_up"] for one in found])),
         "read": float(np.median([one["steps"]["reader.auto"] for one in found])),
         "peak_mb": max(one["peak_mb"] for one in found),
     }
@@ -116,17 +125,14 @@ def composition(samples: int = 1_000_000) -> float:
 
 
 def growth(rows: Sequence[int], times: Sequence[float]) -> list[str]:
-    """How time grows with rows: powers of the rows, and the line through all points, by relative least squares."""
+    """How the time besides start-up grows: powers of the rows, from several sizes on."""
     n, taken = np.array(rows, dtype=np.float64), np.array(times)
     told = []
-    for smallest in (0, 30_000, 100_000):
+    for smallest in (0, 100_000):
         chosen = n >= smallest
         if chosen.sum() > 1:
             slope = np.polyfit(np.log(n[chosen]), np.log(taken[chosen]), 1)[0]
             told.append(f"slope of log time over log rows from {n[chosen][0]:.0f} rows on: {slope:.3f}")
-    if len(n) > 1:
-        each, fixed = np.polyfit(n, taken, 1, w=1.0 / taken)
-        told.append(f"time = {fixed * 1e3:.0f} ms + {each * 1e6:.2f} us a row")
     return told
 
 
@@ -137,17 +143,21 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        print(f"{'rows':>9}  {'MB text':>8}  {'seconds':>8}  {'us/row':>7}  {'read MB/s':>9}  {'peak MB':>8}")
+        print(
+            f"{'rows':>9}  {'MB text':>8}  {'start-up, s':>11}  {'rows, s':>8}  {'us/row':>7}  {'read MB/s':>9}"
+            f"  {'peak MB':>8}"
+        )
         times = []
-        warm_up = Path(folder) / "warm-up.txt"
-        write_log(warm_up, 6_000)
+        short = [Path(folder) / "minute.txt", Path(folder) / "two-minutes.txt"]
+        for count, path in enumerate(short, start=1):
+            write_log(path, count * MINUTE)
         for rows in options.rows:
             log = Path(folder) / f"{rows}.txt"
             size = write_log(log, rows) / 1e6
-            found = measure(warm_up, log, Path(folder), options.repeats)
-            times.append(found["seconds"])
+            found = measure(short, log, Path(folder), options.repeats)
+            times.append(found["seconds"] - found["start_up"])
             print(
-                f"{rows:9d}  {size:8.1f}  {found['seconds']:8.2f}  {found['seconds'] / rows * 1e6:7.2f}"
+                f"{rows:9d}  {size:8.1f}  {found['start_up']:11.3f}  {times[-1]:8.3f}  {times[-1] / rows * 1e6:7.2f}"
                 f"  {size / found['read']:9.0f}  {found['peak_mb']:8.0f}",
                 flush=True,
             )
