@@ -8,6 +8,7 @@
         ReadFailed, UnknownFormat, NotEnoughData
       StageError                    5   anything else that came out of a stage
         ContractError                   what it returned is not what it declared
+      Difference                    7   a sealed run is not as it was, or does not come out again
       StorageError                  8   a result could not be written
 
 A user sees `message` and `hint`, never a traceback. `message` is one sentence that says what is wrong and where;
@@ -126,6 +127,12 @@ class StageError(ReconError):
 
 class ContractError(StageError):
     """A step returned something else than its record declares."""
+
+
+class Difference(ReconError):
+    """A sealed run is not as it was sealed, or does not come out again: the first difference."""
+
+    exit_code = 7
 
 
 class StorageError(ReconError):

@@ -20,10 +20,14 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 from recon.parameters import NoParams, Params, setting
 from recon.schema import APPENDED, METRICS, Change, Need, Schema
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Schemas: TypeAlias = dict[str, Schema]
 PlanFunction: TypeAlias = Callable[[Mapping[str, Schema], Any], Schemas]
@@ -135,6 +139,8 @@ class Reader(Stage):
     sniff : (path, the first 64 KiB, b"" for a folder) -> Sniff; None for a reader that must be named
     propose : (paths of a drive that no reader knows) -> YAML from which the user can start, with comments that say how
         to use it; None where there is nothing to propose
+    lines : (path, params, stream, (n,) int64 ns since 1970) -> (n,) int64, the lines of the file, from 1, that hold the
+        rows of a stream at these times, 0 where there is none; None for files without lines
     self_describing : its tables carry units, frames and quantities themselves, as files of our own do; streams and
         columns beyond `writes` are taken as they are
     params : a subclass of Delegation for a reader that hands over to others; its function also takes `registry`
@@ -145,6 +151,7 @@ class Reader(Stage):
 
     sniff: Callable[..., Sniff] | None = None
     propose: Callable[..., str | None] | None = None
+    lines: Callable[..., NDArray[np.int64]] | None = None
     self_describing: bool = False
 
     @property

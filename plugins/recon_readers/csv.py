@@ -24,6 +24,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
+import numpy as np
+
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
@@ -38,6 +40,7 @@ from recon_readers._csv_streams import Others, Part, assumptions, fresh_rows, lo
 from recon_readers._csv_text import Form, open_sheet, survey
 from recon_readers._csv_time import read_clock
 from recon_readers._delimited import not_text, plain
+from recon_readers._time_order import Times, in_order
 
 UNSURE: Final = 0.3
 """Confidence in any delimited text: what its columns mean, only the mapping tells."""
@@ -134,6 +137,21 @@ def _counts(sheet: Sheet, cells: Cells) -> list[Metric]:
     return found
 
 
+def lines(path: Path, params: CsvParams, stream: str, t_ns: Times) -> Times:
+    """Lines that hold rows of a stream at these times, 0 where none does: (n,). Of several of one time, the first."""
+    sheet = open_sheet(path, params.form)
+    parts, _ = _located(sheet, params.columns)
+    part = next((part for part in parts if part.mapping.stream == stream), None)
+    if part is None:
+        return np.zeros(len(t_ns), dtype=np.int64)
+    clock = read_clock(sheet, part.mapping.time, _cells(sheet, [part]).texts)
+    timed = np.flatnonzero(in_order(clock.t_ns, clock.missing))
+    own = clock.t_ns[timed]
+    at = np.searchsorted(own, t_ns).clip(max=len(own) - 1)
+    found = np.array([sheet.place(int(row), 0)[0] for row in timed[at]], dtype=np.int64)
+    return np.asarray(np.where(own[at] == t_ns, found, 0))
+
+
 def plan(inputs: Mapping[str, Schema], params: CsvParams) -> Schemas:
     """The streams and columns of the mapping; which of them a file holds, only the file tells."""
     found = {}
@@ -170,6 +188,7 @@ def declare_readers() -> Iterable[Reader]:
         params=CsvParams,
         run=read,
         sniff=sniff,
+        lines=lines,
         propose=propose,
         writes={name: STREAMS[name].possible() for name in Columns.model_fields},
         plan=plan,

@@ -38,7 +38,7 @@ from recon.units import convert
 from recon_readers._fresh_rows import GnssRows, gnss_rows, imu_rows, see
 from recon_readers._physycom_layouts import ACCEL, EARLIEST_S, GYRO, PLACE, sniff
 from recon_readers._physycom_log import Log, account, doubts, missing_values, open_log
-from recon_readers._time_order import Mask
+from recon_readers._time_order import Mask, Times
 
 NS: Final = 1_000_000_000
 EPOCH_2000_NS: Final = 946_684_800 * NS
@@ -85,6 +85,17 @@ def read(path: Path, params: PhysycomParams) -> Streams:
         *doubts(log, params.gravity),
     ]
     return {**_imu(log, kept, params), **_gnss(log, kept, params), "metrics": metrics(learnt)}
+
+
+def lines(path: Path, params: PhysycomParams, stream: str, t_ns: Times) -> Times:
+    """Lines that hold the rows of these times, 0 where none does: (n,). Of several of one time, the first."""
+    log, _ = open_log(path, params.sensor, _units(params))
+    timed = np.flatnonzero(~log.untimed)
+    own = _utc_ns(log.time_ns[timed], params)
+    at = np.searchsorted(own, t_ns).clip(max=len(own) - 1)
+    places = [log.place(int(row), "time") for row in timed[at]]
+    found = np.array([place[0] if place else 0 for place in places], dtype=np.int64)
+    return np.asarray(np.where(own[at] == t_ns, found, 0))
 
 
 def _units(params: PhysycomParams) -> dict[str, float]:
@@ -199,6 +210,7 @@ def declare_readers() -> Iterable[Reader]:
         params=PhysycomParams,
         run=read,
         sniff=sniff,
+        lines=lines,
         writes={
             "imu": IMU.only("accel", "gyro").possible(),
             "gnss": GNSS.only("lat", "lon", "height", "speed", "course", "fix").possible(),

@@ -3,8 +3,9 @@
     0    done                                    4    a log cannot be read, or does not hold what is needed
     1    a fault of recon itself                 5    a stage failed
     2    a pipeline or an option is wrong        6    a batch in which some jobs failed
-    3    a plugin cannot be used                 8    a result could not be written
-    130  interrupted    143  terminated          141  nobody reads the output
+    3    a plugin cannot be used                 7    a sealed run is not as it was sealed
+    130  interrupted    143  terminated          8    a result could not be written
+                                                 141  nobody reads the output
 
 Results go to standard output; progress and errors, `error: <what>` and an indented hint, to standard error. Modules
 are imported by the verb that needs them, so that `recon --help` costs nothing; this one imports nearly nothing, so that

@@ -16,6 +16,7 @@ from recon.cli.compare import compare
 from recon.cli.convert import convert
 from recon.cli.demo import demo
 from recon.cli.evaluate import evaluate
+from recon.cli.explain import explain
 from recon.cli.export import export
 from recon.cli.fleet import fleet
 from recon.cli.inspect import inspect
@@ -24,7 +25,9 @@ from recon.cli.new_plugin import new_plugin
 from recon.cli.plugins import plugins
 from recon.cli.run import run
 from recon.cli.schema import schema
+from recon.cli.seal import seal
 from recon.cli.validate import validate
+from recon.cli.verify import verify
 from recon.cli.view import view
 from recon.errors import ConfigError
 
@@ -33,6 +36,7 @@ UNWRAPPED: Final = 1000
 
 _VERBS: Final = (
     *(run, batch, fleet, validate, inspect, evaluate, compare, measure),
+    *(explain, seal, verify),
     *(plugins, export, view, convert, demo, schema, new_plugin),
 )
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name

@@ -1,0 +1,76 @@
+"""A sealed run, run again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from recon import api
+from recon.errors import Difference, PluginNotFound
+from recon.evidence.sameness import unlike, unlike_data
+from recon.pipeline import Pipeline
+from recon.registry import Registry, Source
+from recon.stages import Exporter, Reader, role_of
+
+_COMPARED: Final = ("plan", "inputs", "steps", "warnings", "store")
+_VERSIONS: Final = ("stage_version", "distribution_version")
+
+
+def pipeline_of(manifest: Mapping[str, Any]) -> Pipeline:
+    """The pipeline of a run without its exporters, which change no number."""
+    found = Pipeline.from_text(manifest["pipeline"]["text"], "pipeline.yaml")
+    return replace(found, steps=tuple(step for step in found.steps if role_of(step.use) != Exporter.role))
+
+
+def sources_of(manifest: Mapping[str, Any], registry: Registry) -> list[Source]:
+    """Where the stages of a run come from here, the readers that reader.auto chose among them.
+
+    Raises PluginNotFound where one is not installed.
+    """
+    found = []
+    for key, origin in _stages(manifest):
+        if key not in registry:
+            text = f"the run cannot be made again: its stage '{key}' is not installed here"
+            raise PluginNotFound(text, f"pip install {origin}" if origin else registry.suggest(key))
+        found.append(registry.source(key))
+    return found
+
+
+def _stages(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Each stage that made numbers, and what pip would install it from, "" where that is not known."""
+    for step in manifest["plan"]:
+        if role_of(step["use"]) != Exporter.role:
+            yield step["use"], "==".join(filter(None, (step.get("distribution"), step.get("distribution_version"))))
+    for row in (row for step in manifest["steps"] for row in step["metrics"]):
+        if row.get("name") == "reader" and role_of(str(row.get("method"))) == Reader.role:
+            yield row["method"], ""
+
+
+def run_again(manifest: Mapping[str, Any], inputs: Sequence[Path], folder: Path, registry: Registry) -> api.Run:
+    """Run a manifest's pipeline on these inputs, into a folder."""
+    store = manifest["store"]
+    return api.execute(pipeline_of(manifest), list(inputs) or None, folder, [], registry=registry, store=store)
+
+
+def compare(sealed: api.Run, again: api.Run) -> bool:
+    """Did a run give the same bytes? Raises Difference where a number, or what is told of it, is another one."""
+    fault = unlike(sealed.recording, again.recording)
+    if fault:
+        raise Difference(f"run again, the result is another one: {fault}")
+    fault = unlike_data(_comparable(sealed.manifest), _comparable(again.manifest), "")
+    if fault:
+        raise Difference(f"run again, its manifest is another one: {fault}")
+    return bool(sealed.manifest["outputs"] == again.manifest["outputs"])
+
+
+def _comparable(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """What must come out again; versions may be others if the numbers are the same."""
+    found = {key: manifest[key] for key in _COMPARED}
+    found["plan"] = [
+        {key: value for key, value in step.items() if key not in _VERSIONS}
+        for step in manifest["plan"]
+        if role_of(step["use"]) != Exporter.role
+    ]
+    return found
