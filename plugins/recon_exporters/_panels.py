@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from recon.numerics.rotation import to_euler
 from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon_exporters._style import role_of_fixes
 
 FARTHEST: Final = 8.0
 """Residuals beyond so many sigmas are drawn there."""
@@ -143,8 +144,9 @@ def _speed_sigma(vel: Array, sigma: Array) -> Array:
 
 def _measured_speeds(streams: Mapping[str, pa.Table]) -> Iterator[Curve]:
     for name, table in streams.items():
-        role = unnumbered(name)
-        if role in ("gnss", "wheel") and has(table, "speed"):
+        kind = unnumbered(name)
+        if kind in ("gnss", "wheel") and has(table, "speed"):
+            role = role_of_fixes(name) if kind == "gnss" else kind
             yield from _there([_curve(name, role, table, vector(table, "speed", gaps=True))])
 
 

@@ -29,6 +29,7 @@ from recon.tables import Array, has, matrix, meta, time_ns, vector
 from recon_exporters._decimate import gaps, pieces
 from recon_exporters._panels import Source, sources_of
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, times
+from recon_exporters._style import role_of_fixes
 from recon_exporters._tracks import due
 
 LINE_RATE: Final = 10.0
@@ -90,10 +91,10 @@ def draw_space(file: rr.RecordingStream, streams: Mapping[str, pa.Table]) -> Dra
         place = place_of(table, anchor, datum)
         if place is not None:
             drawn[name] = place.position
-            points = rr.Points3D(place.position, colors=color_of("gnss"), radii=rr.Radius.ui_points(2.5))
+            points = rr.Points3D(place.position, colors=color_of(role_of_fixes(name)), radii=rr.Radius.ui_points(2.5))
             file.log(f"world/{name}", points, static=True)
     on_map = [_draw_on_map(file, source.name, source.role, source.table) for source in sources]
-    on_map += [_draw_on_map(file, name, "gnss", table) for name, table in fixes.items()]
+    on_map += [_draw_on_map(file, name, role_of_fixes(name), table) for name, table in fixes.items()]
     center, reach = _extent(list(drawn.values()))
     left_out = [name for name in [*(s.name for s in sources), *fixes] if name not in drawn]
     return Drawn(tuple(bodies), any(on_map), reach, center, tuple(left_out))
@@ -177,7 +178,7 @@ def _draw_on_map(file: rr.RecordingStream, name: str, role: str, table: pa.Table
     if not len(rows):
         return False
     t_ns, place, color = time_ns(table)[rows], place[rows], color_of(role)
-    if role == "gnss":
+    if role.startswith("gnss "):
         fixes = rr.GeoPoints(lat_lon=place, colors=color, radii=rr.Radius.ui_points(1.0))
         file.log(["map", name, "fixes"], fixes, static=True)
     else:

@@ -23,10 +23,11 @@ class Style:
 
 
 _LINES: Final = (("#0072B2", ()), ("#CC79A7", (7.0, 2.0)), ("#009E73", (2.0, 2.0)), ("#56B4E9", (7.0, 2.0, 2.0, 2.0)))
+_FIXES: Final = ("#E69F00", "#009E73", "#CC79A7")
 STYLES: Final[Mapping[str, Style]] = {
     **{f"trajectory {number}": Style(color, dashes=dashes) for number, (color, dashes) in enumerate(_LINES, start=1)},
     "reference": Style("#000000", width=1.0, dashes=(4.0, 2.5)),
-    "gnss": Style("#E69F00", "dots", 3.2),
+    **{f"gnss {number}": Style(color, "dots", 3.2) for number, color in enumerate(_FIXES, start=1)},
     "wheel": Style("#56B4E9", "dots", 2.2),
     "accepted": Style("#0072B2", "dots", 2.6),
     "rejected": Style("#D55E00", "squares", 5.0),
@@ -41,10 +42,20 @@ EVENTS: Final[Mapping[str, str]] = {"standstill": "#999999", "outage": "#E69F00"
 OTHER_EVENT: Final = "#CC79A7"
 
 
+_REPEATED: Final = {"trajectory": len(_LINES), "gnss": len(_FIXES)}
+
+
+def role_of_fixes(stream: str) -> str:
+    """The role of a stream of GNSS: "gnss_2" is "gnss 2", "gnss" is the first."""
+    number = stream.removeprefix("gnss").removeprefix("_") or "1"
+    return f"gnss {number}"
+
+
 def style_of(role: str) -> Style:
-    """Style of a role; trajectories beyond the fourth look like the first four again."""
-    if role not in STYLES and role.startswith("trajectory "):
-        role = f"trajectory {(int(role.split()[1]) - 1) % len(_LINES) + 1}"
+    """Style of a role; trajectories beyond the fourth, and receivers beyond the third, look like the first again."""
+    kind, _, number = role.rpartition(" ")
+    if role not in STYLES and kind in _REPEATED:
+        role = f"{kind} {(int(number) - 1) % _REPEATED[kind] + 1}"
     return STYLES[role]
 
 

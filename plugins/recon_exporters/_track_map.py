@@ -26,7 +26,7 @@ from recon.tables import Array, has, matrix, time_ns, vector
 from recon_exporters._chart import Span, legend, nice_step, paint, path, ticks
 from recon_exporters._decimate import gaps, pieces
 from recon_exporters._panels import Source, sources_of
-from recon_exporters._style import EVENTS, OTHER_EVENT, layer
+from recon_exporters._style import EVENTS, OTHER_EVENT, layer, role_of_fixes
 
 WIDTH: Final = 1000.0
 HIGHEST: Final = 560.0
@@ -86,7 +86,7 @@ def track_map(streams: Mapping[str, pa.Table], spans: Sequence[Span], zero_ns: i
 
 def paths_of(streams: Mapping[str, pa.Table]) -> tuple[list[Path], tuple[float, float, float] | None]:
     """Trajectories, references, then GNSS, as far as they have positions of one kind, and where (0, 0) is (Sheet)."""
-    fixes = [Source(n, "gnss", t) for n, t in streams.items() if unnumbered(n) == "gnss" and t.num_rows]
+    fixes = [Source(n, role_of_fixes(n), t) for n, t in streams.items() if unnumbered(n) == "gnss" and t.num_rows]
     everything = [*sources_of(streams), *fixes]
     placed = [source for source in everything if has(source.table, "lat") and has(source.table, "lon")]
     if not placed:
@@ -113,7 +113,7 @@ def _finite(source: Source, xy: Array) -> Path:
 
 def _sheet(paths: Sequence[Path], world: tuple[float, float, float] | None) -> Sheet:
     """Around the trajectories; without one, around everything."""
-    lines = [one.xy for one in paths if one.role != "gnss"] or [one.xy for one in paths]
+    lines = [one.xy for one in paths if not one.role.startswith("gnss ")] or [one.xy for one in paths]
     low, high = (reduce([reduce(xy, axis=0) for xy in lines], axis=0) for reduce in (np.min, np.max))
     across, up = np.maximum(high - low, 5.0)
     scale = min((WIDTH - 2 * MARGIN) / across, (HIGHEST - 2 * MARGIN) / up)

@@ -29,7 +29,7 @@ from recon_exporters._page import asset, embedded
 from recon_exporters._style import EVENTS, OTHER_EVENT, STYLES
 from recon_exporters._tracks import DIGITS, PLACE_DIGITS, READS, MapParams, Mark, Track, chart_of, iso_8601
 
-_ROLES: Final = {"trajectory": "trajectory 1", "gnss": "gnss"}
+_ROLES: Final = {"trajectory": "trajectory 1", "gnss": "gnss 1"}
 
 
 class StreetMapParams(MapParams):
