@@ -20,7 +20,8 @@ from recon.numerics.smoothing.full_rate import Motion, between_knots, full_rate
 from recon.numerics.smoothing.measurements import Fixes
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.samples import Samples, regular_samples
-from recon.numerics.smoothing.smoother import Smoother, Solved
+from recon.numerics.smoothing.smoother import Smoother
+from recon.numerics.smoothing.solved import Solved
 
 __all__ = [
     "Drive",

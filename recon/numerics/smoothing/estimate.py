@@ -20,8 +20,9 @@ from recon.numerics.smoothing.earth import level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.noise import at_least_still, likely_noise
 from recon.numerics.smoothing.samples import Samples
-from recon.numerics.smoothing.smoother import Smoother, Solved
+from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
+from recon.numerics.smoothing.solved import Solved
 from recon.numerics.smoothing.start import start_state
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, MOUNT, POSITION, ROTATION, VELOCITY, State
 

@@ -34,8 +34,9 @@ from recon.numerics.smoothing.constraints import add_drift
 from recon.numerics.smoothing.inertial import HERE, THERE, add_inertial, whitening
 from recon.numerics.smoothing.model import Noise
 from recon.numerics.smoothing.normal import Normal
-from recon.numerics.smoothing.smoother import Smoother, Solved
+from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats
+from recon.numerics.smoothing.solved import Solved
 from recon.numerics.smoothing.state import COMMON_SIZE, DRIFT, KNOT_SIZE, SCALES
 
 _NAMES: Final = ("drift_h", "drift_v", "tau", "position_h", "position_v", "velocity_h", "velocity_v", "gyro", "accel")

@@ -15,10 +15,23 @@ References
 
 from __future__ import annotations
 
+from typing import Final, Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+Loss = Literal["cauchy", "tls"]
+Sharpness = tuple[float, float]
+"""Of the truncation of positions and of velocities."""
+
+_C2: Final = 16.0
+"""Squared normalised residual of three components beyond which a fix is an outlier."""
+_CAUCHY_C2: Final = 9.0
+_VELOCITIES_IN_DOUBT: Final = 0.3
+"""Share of them that is put aside; their unit may be wrong."""
+_GROWTH: Final = 100.0
+"""Factor by which the truncation sharpens from step to step."""
 
 
 def tls_weights(squared: ArrayLike, c2: float, mu: float) -> Floats:
@@ -51,3 +64,29 @@ def cauchy_weights(squared: ArrayLike, c2: float) -> Floats:
     returns : (...) in (0, 1]
     """
     return np.asarray(1.0 / (1.0 + np.asarray(squared, dtype=np.float64) / c2))
+
+
+def kept_together(position: Floats, velocity: Floats, fixes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """A position is trusted no more than the velocity of its fix, unless velocities themselves are in doubt.
+
+    A reflection that stays for many fixes looks like a slow error of the position, but not of the velocity.
+    """
+    doubtful = bool(fixes.any()) and float((velocity[fixes] < 0.5).mean()) > _VELOCITIES_IN_DOUBT
+    return (position if doubtful else np.minimum(position, velocity)), velocity
+
+
+def robust_weights(
+    squared: tuple[Floats, Floats], loss: Loss, sharpness: Sharpness | None, count: int
+) -> tuple[tuple[Floats, Floats], Sharpness | None]:
+    """Weights of positions and of velocities, each for itself; the first step takes all."""
+    if count == 1:
+        one = np.ones_like(squared[0])
+        return (one, one), None
+    if loss == "cauchy":
+        return (cauchy_weights(squared[0], _CAUCHY_C2), cauchy_weights(squared[1], _CAUCHY_C2)), None
+    sharper = (
+        (tls_start(squared[0], _C2), tls_start(squared[1], _C2))
+        if sharpness is None
+        else (min(sharpness[0] * _GROWTH, 1e4), min(sharpness[1] * _GROWTH, 1e4))
+    )
+    return (tls_weights(squared[0], _C2, sharper[0]), tls_weights(squared[1], _C2, sharper[1])), sharper

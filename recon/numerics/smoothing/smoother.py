@@ -13,11 +13,10 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks
@@ -38,9 +37,10 @@ from recon.numerics.smoothing.measurements import (
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
-from recon.numerics.smoothing.robust import cauchy_weights, tls_start, tls_weights
+from recon.numerics.smoothing.robust import Loss, Sharpness, kept_together, robust_weights
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
+from recon.numerics.smoothing.solved import Integrated, Linearised, Parts, Solved
 from recon.numerics.smoothing.start import fix_motion
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
@@ -65,16 +65,7 @@ from recon.numerics.smoothing.state import (
 )
 from recon.numerics.smoothing.stops import SLOW, block_means, still_blocks, still_noise, still_spans
 
-Loss = Literal["cauchy", "tls"]
-
 MOST_STEPS: Final = 30
-_C2: Final = 16.0
-"""Squared normalised residual of three components beyond which a fix is an outlier."""
-_CAUCHY_C2: Final = 9.0
-_VELOCITIES_IN_DOUBT: Final = 0.3
-"""Share of them that is put aside; their unit may be wrong."""
-_GROWTH: Final = 100.0
-"""Factor by which the truncation sharpens from step to step."""
 _SHARP: Final = 30.0
 _SMALL_TURN: Final = 1e-3
 _SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
@@ -98,55 +89,6 @@ _GAP_FAR_S: Final = 2.0
 """rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends
 tell.
 """
-
-
-@dataclass(frozen=True)
-class Solved:
-    """The solution, and the linear system at it.
-
-    epochs, inside, ends, increments : of the last linearisation; ends anew, for the solution
-    system, solution : factor of the knots, and the last step; the factor stays good until the smoother solves again
-    pos_weight, vel_weight : (E,) robust weights of the fixes at the epochs
-    pos_residual, vel_residual : (3, E) in sigmas, before the robust weight; pos_sigma, vel_sigma : (3, E) m, m/s
-    steps, converged : how many steps it took, and whether the last was small
-    moved_lag : s added to the stamps of the fixes; the whole lag is that and LAG
-    """
-
-    state: State
-    noise: Noise
-    epochs: Epochs
-    inside: Inside
-    ends: Misclosure
-    increments: Increments
-    system: Factor
-    solution: Solution
-    pos_weight: Floats
-    vel_weight: Floats
-    pos_residual: Floats
-    vel_residual: Floats
-    steps: int
-    converged: bool
-    moved_lag: float
-
-    @property
-    def rejected(self) -> float:
-        """Share of the fixes whose position or velocity is put aside."""
-        fixes = self.epochs.fix >= 0
-        aside = np.minimum(self.pos_weight, self.vel_weight)[fixes] < 0.5
-        return float(aside.mean()) if fixes.any() else 0.0
-
-
-@dataclass(frozen=True)
-class Parts:
-    """The normal equations at a solution in parts.
-
-    fixed : factors whose noise is given; fixes : position across and up, velocity across and up
-    inertial : (K, 9, 31), as from `inertial_jacobian`; the drift is left out
-    """
-
-    fixed: Normal
-    fixes: tuple[Normal, Normal, Normal, Normal]
-    inertial: Floats
 
 
 class Smoother:
@@ -205,37 +147,13 @@ class Smoother:
     def solve(self, state: State, noise: Noise, loss: Loss) -> Solved:
         """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution."""
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
-        increments, inside, white = self._integrated(state, noise)
-        sharpness: tuple[float, float] | None = None
+        made = self._integrated(state, noise)
+        sharpness: Sharpness | None = None
         damping, done = 0.0, False
         for count in range(1, MOST_STEPS + 1):
-            if _stale(state, increments):
-                increments, inside, white = self._integrated(state, noise)
-            if abs(state.common[LAG]) > _STALE_LAG:
-                self.moved_lag += float(state.common[LAG])
-                state = state.with_common(LAG, 0.0)
-                self._place()
-                inside = locate(self.epochs, self.drive.samples, increments)
-            ends = misclosure(state, increments, gravity, self.earth_rate_n)
-            position, velocity, body = self._rows(state, ends, inside, noise, robust=count > 1)
-            squared = (
-                _squared(position, self.drive.fixes, self.epochs),
-                _squared(velocity, self.drive.fixes, self.epochs),
-            )
-            weights, sharpness = _robust(squared, loss, sharpness, count)
-            weights = _together(*weights, self.epochs.fix >= 0)
-            self._assemble(state, noise, gravity, count)
-            add_inertial(self.normal, inertial_jacobian(state, increments, gravity, self.earth_rate_n), white)
-            add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau)
-            add_measured(
-                self.normal,
-                inside,
-                self.epochs.slots,
-                position.weighted(weights[0]),
-                velocity.weighted(weights[1]),
-                body if self.model.wheels else None,
-                float(state.common[LAG]),
-            )
+            state, made = self._kept_fresh(state, noise, made)
+            here = self._linearise(state, noise, gravity, made, loss, sharpness, count)
+            sharpness = here.sharpness
             try:
                 system, solution = self._step(damping)
             except np.linalg.LinAlgError:
@@ -244,37 +162,74 @@ class Smoother:
                 damping = max(_FIRST_DAMPING, 10.0 * damping)
                 continue
             damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
-            turn, move = float(np.abs(solution.step.T[ROTATION]).max()), float(np.abs(solution.step.T[POSITION]).max())
             state = state.moved(solution.step.T, solution.step_global)
             sharp = loss == "cauchy" or (sharpness is not None and min(sharpness) > _SHARP)
-            done = (
-                count >= 4
-                and sharp
-                and damping == 0.0
-                and turn < _SMALL_TURN
-                and move < _SMALL_MOVE[loss]
-                and not _stale(state, increments)
-            )
+            settled = count >= 4 and sharp and damping == 0.0 and not _stale(state, made.increments)
+            done = settled and _small(solution, loss)
             if done:
                 break
-        ends = misclosure(state, increments, gravity, self.earth_rate_n)
         return Solved(
             state=state,
             noise=noise,
             epochs=self.epochs,
-            inside=inside,
-            ends=ends,
-            increments=increments,
+            inside=made.inside,
+            ends=misclosure(state, made.increments, gravity, self.earth_rate_n),
+            increments=made.increments,
             system=system,
             solution=solution,
-            pos_weight=weights[0],
-            vel_weight=weights[1],
-            pos_residual=position.residual,
-            vel_residual=velocity.residual,
+            pos_weight=here.weights[0],
+            vel_weight=here.weights[1],
+            pos_residual=here.position.residual,
+            vel_residual=here.velocity.residual,
             steps=count,
             converged=done,
             moved_lag=self.moved_lag,
         )
+
+    def _kept_fresh(self, state: State, noise: Noise, made: Integrated) -> tuple[State, Integrated]:
+        """Integrated anew where biases went far, with stamps moved where the lag did."""
+        if _stale(state, made.increments):
+            made = self._integrated(state, noise)
+        if abs(state.common[LAG]) > _STALE_LAG:
+            self.moved_lag += float(state.common[LAG])
+            state = state.with_common(LAG, 0.0)
+            self._place()
+            made = replace(made, inside=locate(self.epochs, self.drive.samples, made.increments))
+        return state, made
+
+    def _linearise(
+        self,
+        state: State,
+        noise: Noise,
+        gravity: GravityField,
+        made: Integrated,
+        loss: Loss,
+        sharpness: Sharpness | None,
+        count: int,
+    ) -> Linearised:
+        """Sum the normal equations at a state up in `normal`."""
+        ends = misclosure(state, made.increments, gravity, self.earth_rate_n)
+        position, velocity, body = self._rows(state, ends, made.inside, noise, robust=count > 1)
+        squared = (
+            _squared(position, self.drive.fixes, self.epochs),
+            _squared(velocity, self.drive.fixes, self.epochs),
+        )
+        weights, sharpness = robust_weights(squared, loss, sharpness, count)
+        weights = kept_together(*weights, self.epochs.fix >= 0)
+        self._assemble(state, noise, gravity, count)
+        jacobian = inertial_jacobian(state, made.increments, gravity, self.earth_rate_n)
+        add_inertial(self.normal, jacobian, made.white)
+        add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau)
+        add_measured(
+            self.normal,
+            made.inside,
+            self.epochs.slots,
+            position.weighted(weights[0]),
+            velocity.weighted(weights[1]),
+            body if self.model.wheels else None,
+            float(state.common[LAG]),
+        )
+        return Linearised(position, velocity, weights, sharpness)
 
     def increments(self, state: State) -> Increments:
         """The samples summed up at biases near those of the state, anew only where they have moved far."""
@@ -283,10 +238,10 @@ class Smoother:
             self._increments = preintegrate(self.drive.samples, *biases, state.common[SCALES])
         return self._increments
 
-    def _integrated(self, state: State, noise: Noise) -> tuple[Increments, Inside, Floats]:
+    def _integrated(self, state: State, noise: Noise) -> Integrated:
         increments = self.increments(state)
         inside = locate(self.epochs, self.drive.samples, increments)
-        return increments, inside, whitening(increments, *self.densities(noise))
+        return Integrated(increments, inside, whitening(increments, *self.densities(noise)))
 
     def densities(self, noise: Noise) -> tuple[Floats, Floats]:
         """Noise of gyro and accelerometer in each interval, more where the IMU was silent: (K,), (K,)."""
@@ -414,6 +369,12 @@ def _typical(samples: Samples) -> float:
     return float(np.median(np.diff(samples.knot_times)))
 
 
+def _small(solution: Solution, loss: Loss) -> bool:
+    """Did the last step hardly turn and move the knots?"""
+    turn, move = (float(np.abs(solution.step.T[part]).max()) for part in (ROTATION, POSITION))
+    return turn < _SMALL_TURN and move < _SMALL_MOVE[loss]
+
+
 def _stale(state: State, increments: Increments) -> bool:
     gyro = np.abs(state.gyro_bias[:, :-1] - increments.gyro_bias).max() / _STALE[0]
     accel = np.abs(state.accel_bias[:, :-1] - increments.accel_bias).max() / _STALE[1]
@@ -425,29 +386,3 @@ def _squared(measured: Measured, fixes: Fixes, epochs: Epochs) -> Floats:
     """Squared normalised residuals of the fixes at the epochs: (E,)."""
     share = fixes.share[epochs.fix]
     return np.asarray((measured.residual**2).sum(axis=0) / share)
-
-
-def _together(position: Floats, velocity: Floats, fixes: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """A position is trusted no more than the velocity of its fix, unless velocities themselves are in doubt.
-
-    A reflection that stays for many fixes looks like a slow error of the position, but not of the velocity.
-    """
-    doubtful = bool(fixes.any()) and float((velocity[fixes] < 0.5).mean()) > _VELOCITIES_IN_DOUBT
-    return (position if doubtful else np.minimum(position, velocity)), velocity
-
-
-def _robust(
-    squared: tuple[Floats, Floats], loss: Loss, sharpness: tuple[float, float] | None, count: int
-) -> tuple[tuple[Floats, Floats], tuple[float, float] | None]:
-    """Weights of positions and of velocities, each for itself; the first step takes all."""
-    if count == 1:
-        one = np.ones_like(squared[0])
-        return (one, one), None
-    if loss == "cauchy":
-        return (cauchy_weights(squared[0], _CAUCHY_C2), cauchy_weights(squared[1], _CAUCHY_C2)), None
-    sharper = (
-        (tls_start(squared[0], _C2), tls_start(squared[1], _C2))
-        if sharpness is None
-        else (min(sharpness[0] * _GROWTH, 1e4), min(sharpness[1] * _GROWTH, 1e4))
-    )
-    return (tls_weights(squared[0], _C2, sharper[0]), tls_weights(squared[1], _C2, sharper[1])), sharper
