@@ -1,0 +1,192 @@
+"""The pulse of an impact out of the streams of a run, and what may be wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon import Array, has, matrix, meta, time_ns, vector
+from recon.knots import VELOCITY, Knots
+from recon.numerics.budget import Pulse
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.numerics.rotation import conjugate, rotate, shortest_arc
+from recon.numerics.saturation import clipped, hidden
+from recon.numerics.signals import median_rate
+from recon.rows import spans
+from recon.sensor_classes import typical
+from recon.tables import schema_of
+
+LEAD_S: Final = 0.5
+_BEHIND_S: Final = 1.5
+"""s before and after time zero that are looked at; the filters of EN 1317 want half a second on both sides."""
+_MOST_RATE: Final = 2000.0
+"""Hz; what is faster adds nothing to CFC 60, and is averaged away."""
+_QUIET_S: Final = (1.5, 0.05)
+"""s before time zero from which noise is told."""
+_SMOOTH_S: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is known of the vehicle, row by row.
+
+    t_ns : (n,); accel : (n, 3) m/s^2, gravity removed; gyro : (n, 3) rad/s, zero where there is none
+    directed : is x known to point forward?  turning : is there a gyro?
+    """
+
+    t_ns: NDArray[np.int64]
+    accel: Array
+    gyro: Array
+    directed: bool
+    turning: bool
+
+
+def motion_of(trajectory: pa.Table | None, imu: pa.Table | None) -> Motion | None:
+    """From the trajectory where it has accelerations, else from the imu; None where there is neither."""
+    if trajectory is not None and has(trajectory, "accel"):
+        return _rows(trajectory, matrix(trajectory, "accel", gaps=True), directed=True)
+    if imu is None or not has(imu, "accel"):
+        return None
+    accel = matrix(imu, "accel", gaps=True)
+    column = schema_of(imu)["accel_x"]
+    if column.quantity == "acceleration":
+        return _rows(imu, accel, directed=column.frame == "vehicle")
+    if column.frame in ("vehicle", "level"):
+        return _rows(imu, accel - [0.0, 0.0, STANDARD_GRAVITY], directed=column.frame == "vehicle")
+    return _levelled(imu, accel)
+
+
+def _rows(table: pa.Table, accel: Array, *, directed: bool, turn: Array | None = None) -> Motion:
+    turning = has(table, "gyro")
+    gyro = matrix(table, "gyro", gaps=True) if turning else np.zeros_like(accel)
+    if turn is not None:
+        gyro = rotate(turn, gyro)
+    known = np.isfinite(accel).all(axis=1) & np.isfinite(gyro).all(axis=1)
+    return Motion(time_ns(table)[known], accel[known], gyro[known], directed, turning)
+
+
+def _levelled(imu: pa.Table, accel: Array) -> Motion:
+    """Turned so that the median specific force points up; where forward is, nobody knows."""
+    up = np.nanmedian(accel, axis=0) if len(accel) else np.array([0.0, 0.0, 1.0])
+    turn = shortest_arc(up, np.array([0.0, 0.0, 1.0])) if np.linalg.norm(up) > 0.0 else np.array([1.0, 0, 0, 0])
+    return _rows(imu, rotate(turn, accel) - [0.0, 0.0, float(np.linalg.norm(up))], directed=False, turn=turn)
+
+
+def pulse_at(motion: Motion, zero_ns: int, imu: pa.Table | None, events: pa.Table | None) -> Pulse | None:
+    """The pulse about a time zero on a regular grid that meets it; None where the log holds fewer than four samples."""
+    near = slice(*np.searchsorted(motion.t_ns, [zero_ns - round(LEAD_S * 1e9), zero_ns + round(_BEHIND_S * 1e9) + 1]))
+    t_ns = motion.t_ns[near]
+    if len(t_ns) < 4:
+        return None
+    t_s: Array = np.asarray((t_ns - zero_ns) * 1e-9)
+    own_s = 1.0 / median_rate(t_ns)
+    every = max(int(np.ceil(1.0 / (own_s * _MOST_RATE) - 1e-6)), 1)
+    step_s = own_s * every
+    first, last = int(np.ceil(t_s[0] / step_s - 1e-6)), int(np.floor(t_s[-1] / step_s + 1e-6))
+    grid: Array = np.asarray(np.arange(first, last + 1) * step_s)
+    missing = _missing(motion, near, imu, events)
+    accel, gyro, missing = (
+        _on_grid(grid, t_s, y, step_s, every) for y in (motion.accel[near], motion.gyro[near], missing)
+    )
+    return Pulse(accel, gyro, step_s, max(-first, 0), missing)
+
+
+def _on_grid(grid: Array, t_s: Array, y: Array, step_s: float, every: int) -> Array:
+    """Interpolated at the times of a grid (m,); where that is coarser, means over its steps."""
+    if every == 1:
+        return np.stack([np.interp(grid, t_s, axis) for axis in y.T], axis=1)
+    area = np.zeros_like(y)
+    np.cumsum(0.5 * np.diff(t_s)[:, None] * (y[1:] + y[:-1]), axis=0, out=area[1:])
+    ends = [np.clip(grid + side * step_s / 2.0, t_s[0], t_s[-1]) for side in (-1.0, 1.0)]
+    before, after = (np.stack([np.interp(end, t_s, axis) for axis in area.T], axis=1) for end in ends)
+    return np.asarray((after - before) / np.maximum(ends[1] - ends[0], 1e-12)[:, None])
+
+
+def _missing(motion: Motion, near: slice, imu: pa.Table | None, events: pa.Table | None) -> Array:
+    """The most that clipping cut off, in vehicle axes: (n, 3) m/s^2; it happened in the axes of the box."""
+    t_ns, accel = motion.t_ns[near], motion.accel[near]
+    nothing = np.zeros_like(accel)
+    if imu is None or not any(a <= t_ns[-1] and b >= t_ns[0] for a, b in spans(events, "saturation")):
+        return nothing
+    logged = matrix(imu, "accel", gaps=True)
+    rows = np.searchsorted(time_ns(imu), t_ns)
+    same = rows < imu.num_rows
+    same[same] = time_ns(imu)[rows[same]] == t_ns[same]
+    if not same.all():
+        return nothing
+    mask, t_s, part = clipped(logged, least=1.2 * STANDARD_GRAVITY)[rows], (t_ns - t_ns[0]) * 1e-9, logged[rows]
+    cut = np.stack([hidden(t_s, part[:, axis], mask[:, axis]) for axis in range(3)], axis=1)
+    return np.asarray(cut @ _turn(part, accel).T)
+
+
+def _turn(box: Array, vehicle: Array) -> Array:
+    """The rotation (3, 3) that takes the changes of one vector (n, 3) best to those of another. Kabsch (1976)."""
+    left, _, right = np.linalg.svd((vehicle - vehicle.mean(axis=0)).T @ (box - box.mean(axis=0)))
+    return np.asarray(left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right)
+
+
+def noise_of(motion: Motion, zero_ns: int) -> Array:
+    """Sigma of each sample before the impact, vibration included: (3,) m/s^2; 0 where there are too few."""
+    since, until = (zero_ns - round(s * 1e9) for s in _QUIET_S)
+    part = motion.accel[slice(*np.searchsorted(motion.t_ns, [since, until]))]
+    if len(part) < 8:
+        return np.zeros(3)
+    window = max(round(_SMOOTH_S * median_rate(motion.t_ns)), 3)
+    kernel = np.ones(window) / window
+    rest = [axis - np.convolve(axis, kernel, mode="same") for axis in (part - part.mean(axis=0)).T]
+    inner = slice(window, -window) if len(part) > 4 * window else slice(None)
+    sizes = [float(np.std(axis[inner])) for axis in rest]
+    return np.asarray(np.array(sizes) * np.sqrt(window / (window - 1.0)))
+
+
+def constant_error(trajectory: pa.Table | None, knots: pa.Table | None, zero_ns: int, sensor_class: str) -> Array:
+    """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.
+
+    Where a smoother tells how well it knows changes of velocity, that over half a second; else the bias of the class.
+    """
+    until_ns = zero_ns + round(LEAD_S * 1e9)
+    if trajectory is not None and knots is not None and knots.num_rows > 1 and has(trajectory, "q"):
+        known = Knots.of(knots)
+        if known.t_ns[0] <= zero_ns and until_ns <= known.t_ns[-1]:
+            change = known.covariance_of_change(zero_ns, until_ns)[VELOCITY, VELOCITY]
+            row = int(np.searchsorted(time_ns(trajectory), zero_ns).clip(max=trajectory.num_rows - 1))
+            q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
+            axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)
+            return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / LEAD_S)
+    return np.full(3, typical(sensor_class, "accel_bias"))
+
+
+def lever_doubt(trajectory: pa.Table | None) -> Array:
+    """Sigma of the lever arm by which an aligner has moved the trajectory: (3,) m."""
+    facts = meta(trajectory) if trajectory is not None else {}
+    return np.asarray(facts.get("lever_arm_sigma", (0.0, 0.0, 0.0)), dtype=np.float64)
+
+
+def learnt_sigma(metrics: pa.Table | None, name: str) -> float | None:
+    """Sigma of the last row of a metric that has one."""
+    if metrics is None:
+        return None
+    rows = metrics.select(["name", "sigma"]).to_pylist()
+    known = [row["sigma"] for row in rows if row["name"] == name and row["sigma"] is not None]
+    return float(known[-1]) if known else None
+
+
+def speed_at(trajectory: pa.Table | None, zero_ns: int) -> tuple[float, float] | None:
+    """Horizontal speed at a time and its sigma, m/s; sigma NaN where unknown, None where there is no trajectory."""
+    if trajectory is None or not has(trajectory, "vel"):
+        return None
+    t_ns = time_ns(trajectory)
+    if not t_ns[0] <= zero_ns <= t_ns[-1]:
+        return None
+    row = int(np.searchsorted(t_ns, zero_ns))
+    vel = np.array([vector(trajectory.slice(row, 1), f"vel_{axis}", gaps=True)[0] for axis in "en"])
+    speed = float(np.hypot(*vel))
+    if not has(trajectory, "vel_std"):
+        return speed, float("nan")
+    std = np.array([vector(trajectory.slice(row, 1), f"vel_std_{axis}", gaps=True)[0] for axis in "en"])
+    along = vel / speed if speed > 0.0 else np.array([1.0, 0.0])
+    return speed, float(np.hypot(*(along * std)))

@@ -1,0 +1,281 @@
+"""How severe a crash was, in the terms of the field, each number with its sigma and an interval of 95 %.
+
+Time zero and end are those of the events `crash`; recon.numerics.severity has the formulas and the standards. The
+acceleration is that of the trajectory, or, where there is none, of the imu with gravity taken off. Where nobody knows
+which way is forward, only sizes are told.
+
+The sigmas carry, by propagation (recon.numerics.budget), the noise before the impact, what is constant in the
+acceleration (bias and tilt, as far as the smoother says), scale errors, the mounting, the turn rate, the lever arm and
+the time zero; a pulse that the sensor clipped has bounds, with the value as recorded. The note of each number says how
+much of its sigma comes from where.
+
+With several crashes the numbers are those of the severest one, by delta-V; events `impact` list all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon import (
+    EVENTS,
+    IMU,
+    KNOTS,
+    METRICS,
+    TRAJECTORY,
+    Analyzer,
+    Array,
+    Event,
+    Metric,
+    Params,
+    Streams,
+    events,
+    hookimpl,
+    metrics,
+    quantity,
+    setting,
+    warning,
+)
+from recon.numerics import severity
+from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
+from recon.numerics.channel_class import LEAST_RATE, channel_class
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.rows import spans
+from recon.sensor_classes import SensorClass, typical
+from recon_analyzers._pulse import (
+    Motion,
+    constant_error,
+    learnt_sigma,
+    lever_doubt,
+    motion_of,
+    noise_of,
+    pulse_at,
+    speed_at,
+)
+
+_WAKE_UP: Final = (0.8 / 3.6, 0.02)
+"""m/s and s, by which time zero is found."""
+_OLDEST_DELTA_V_S: Final = 0.3
+_ABOUT: Final[Mapping[str, tuple[str, str]]] = {
+    "delta_v_long_max": ("km/h", "49 CFR 563, 0 to 300 ms; forward positive"),
+    "delta_v_lat_max": ("km/h", "49 CFR 563, 0 to 300 ms; left positive"),
+    "delta_v_resultant_max": ("km/h", "49 CFR 563, 0 to 300 ms; horizontal"),
+    "time_of_max": ("s", "of delta_v_resultant_max, after time zero"),
+    "accel_peak_cfc60": ("g", "SAE J211 CFC 60; longitudinal, forward positive"),
+    "accel_peak_cfc60_magnitude": ("g", "SAE J211 CFC 60; of all three axes"),
+    "pdof": ("deg", "direction of delta-V, clockwise from the front"),
+    "asi_1998": ("1", "EN 1317-1:1998, means over 50 ms"),
+    "asi_2010": ("1", "EN 1317-1:2010, 13 Hz"),
+    "thiv": ("km/h", "EN 1317-1"),
+    "phd": ("g", "EN 1317-1, after the head's impact"),
+    "oiv_long": ("km/h", "MASH flail space; forward positive"),
+    "oiv_lat": ("km/h", "MASH flail space; left positive"),
+    "ridedown": ("g", "MASH flail space, highest 10 ms mean of one axis after the occupant's impact"),
+}
+"""Unit and method of every number."""
+_UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
+"""What can be told where nobody knows which way is forward."""
+
+
+class CrashParams(Params):
+    """Parameters of analyzer.crash."""
+
+    sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
+    mounting_sigma: float = quantity(
+        1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
+    )
+    head_ahead: float = quantity(0.0, "m", doc="How far the head sits ahead of the point whose motion is given.")
+
+
+def analyze_crash(
+    *,
+    trajectory: pa.Table | None,
+    imu: pa.Table | None,
+    knots: pa.Table | None,
+    events: pa.Table | None,
+    metrics: pa.Table | None,
+    params: CrashParams,
+) -> Streams:
+    """Metrics of the severest crash, events `impact` of all.
+
+    trajectory : accel m/s^2, gyro rad/s, vehicle; vel m/s with sigma
+    imu : accel m/s^2, gyro rad/s, in place of a trajectory, and to see what the sensor clipped
+    """
+    motion = motion_of(trajectory, imu)
+    found = spans(events, "crash")
+    if motion is None or not found:
+        why = "there is no crash" if motion is not None else "there are no accelerations"
+        return _answer([], [Metric("impacts", 0.0, note=why)])
+    pulses = [(span, pulse_at(motion, span[0], imu, events)) for span in found]
+    impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
+    doubt = partial(_doubt, motion, trajectory, knots, metrics, params)
+    told = [(span, pulse, _told(pulse, doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
+    if not told:
+        return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
+    span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
+    rows = [Metric("impacts", float(len(told))), *_speed(trajectory, span[0]), *_rows(numbers, motion)]
+    return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
+
+
+def _answer(impacts: list[Event], rows: Iterable[Metric]) -> Streams:
+    return {"events": events(impacts), "metrics": metrics(rows)}
+
+
+def _told(pulse: Pulse, doubt: Doubt, motion: Motion, params: CrashParams) -> dict[str, Uncertain]:
+    numbers = propagate(pulse, doubt, partial(measures, pulse=pulse, ahead=params.head_ahead), angles=("pdof",))
+    return {name: value for name, value in numbers.items() if motion.directed or name in _UNDIRECTED}
+
+
+def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> dict[str, Array]:
+    """Every number of many variants of a pulse, in the units that the field uses: (b,) each.
+
+    accel : (b, n, 3) m/s^2, vehicle; yaw_rate : (b, n) rad/s; pulse : has the sampling and time zero
+    ahead : m, see recon.numerics.severity.head_flight
+    """
+    step_s, lead, g = pulse.step_s, pulse.lead, STANDARD_GRAVITY
+    after, turn = accel[:, lead:], yaw_rate[:, lead:]
+    within = slice(0, round(_OLDEST_DELTA_V_S / step_s) + 1)
+    gained = 3.6 * severity.integral(after[:, within, :2], step_s)
+    size = np.hypot(gained[..., 0], gained[..., 1])
+    at = size.argmax(axis=1)
+    structure = channel_class(accel, 60, 1.0 / step_s, axis=1)[:, lead:][:, within] / g
+    head = severity.head_flight(after, turn, step_s, ahead)
+    occupant = severity.occupant_flight(after, step_s)
+    mean = severity.window_mean(after[..., :2], step_s, severity.RIDEDOWN_S) / g
+    resultant = np.hypot(mean[..., 0], mean[..., 1])[..., None]
+    return {
+        "delta_v_long_max": _signed_extreme(gained[..., 0]),
+        "delta_v_lat_max": _signed_extreme(gained[..., 1]),
+        "delta_v_resultant_max": size.max(axis=1),
+        "time_of_max": at * step_s,
+        "accel_peak_cfc60": _signed_extreme(structure[..., 0]),
+        "accel_peak_cfc60_magnitude": np.linalg.norm(structure, axis=-1).max(axis=1),
+        "pdof": np.degrees(severity.pdof(gained[np.arange(len(at)), at])),
+        "asi_1998": severity.asi(accel, step_s, "1998")[:, lead:].max(axis=1),
+        "asi_2010": severity.asi(accel, step_s, "2010")[:, lead:].max(axis=1),
+        "thiv": 3.6 * np.linalg.norm(head.velocity, axis=-1),
+        "phd": severity.largest_after(resultant, head.time_s, step_s)[:, 0],
+        "oiv_long": 3.6 * occupant.velocity[:, 0],
+        "oiv_lat": 3.6 * occupant.velocity[:, 1],
+        "ridedown": severity.largest_after(mean, occupant.time_s, step_s).max(axis=1),
+    }
+
+
+def _signed_extreme(y: Array) -> Array:
+    """The value of the largest size, with its sign: (b, n) to (b,)."""
+    return np.asarray(np.take_along_axis(y, np.abs(y).argmax(axis=1)[:, None], axis=1)[:, 0])
+
+
+def _doubt(
+    motion: Motion,
+    trajectory: pa.Table | None,
+    knots: pa.Table | None,
+    metrics: pa.Table | None,
+    params: CrashParams,
+    pulse: Pulse,
+    zero_ns: int,
+) -> Doubt:
+    """What may be wrong with the pulse, as far as the run tells."""
+    known = {name: learnt_sigma(metrics, f"mount_{name}") for name in ("roll", "pitch", "yaw")}
+    tilt = [params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in known.values()]
+    noise, bias = noise_of(motion, zero_ns), constant_error(trajectory, knots, zero_ns, params.sensor_class)
+    return Doubt(
+        bias=bias,
+        scale=typical(params.sensor_class, "accel_scale"),
+        tilt=np.array(tilt),
+        gyro_bias=typical(params.sensor_class, "gyro_bias") if trajectory is None else 0.0,
+        gyro_scale=typical(params.sensor_class, "gyro_scale"),
+        lever=lever_doubt(trajectory),
+        time=_time_sigma(pulse, bias, noise),
+        noise=noise,
+    )
+
+
+def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
+    """Of time zero: half a sample, and by how much errors shift the crossing of the threshold, s."""
+    change, window_s = _WAKE_UP
+    ahead = pulse.accel[pulse.lead : pulse.lead + round(window_s / pulse.step_s) + 1, :2]
+    slope = float(np.linalg.norm(ahead[-1] - ahead[0])) if len(ahead) else 0.0
+    error = np.hypot(window_s * float(bias[:2].max()), float(noise[:2].max()) * np.sqrt(window_s * pulse.step_s))
+    steepest = max(slope, change / window_s)
+    return float(np.hypot(pulse.step_s / np.sqrt(12.0), error / steepest))
+
+
+def _speed(trajectory: pa.Table | None, zero_ns: int) -> Iterable[Metric]:
+    known = speed_at(trajectory, zero_ns)
+    if known is None:
+        yield Metric("speed_before", None, "km/h", note="no trajectory tells it")
+        return
+    speed, sigma = (3.6 * value for value in known)
+    low, high = (max(speed - NORMAL_95 * sigma, 0.0), speed + NORMAL_95 * sigma) if np.isfinite(sigma) else (None, None)
+    yield Metric("speed_before", speed, "km/h", sigma, low, high, "trajectory at time zero", "horizontal")
+
+
+def _rows(numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
+    for name, (unit, method) in _ABOUT.items():
+        found = numbers.get(name)
+        if found is None or not np.isfinite(found.value):
+            note = "it is not known which way is forward" if found is None else "not reached while the log goes on"
+            yield Metric(name, None, unit, method=method, note=note)
+            continue
+        yield Metric(name, found.value, unit, found.sigma, found.low, found.high, method, _budget(found, name))
+
+
+def _budget(found: Uncertain, name: str) -> str:
+    """Where the sigma comes from, the largest first."""
+    parts = sorted(found.shares.items(), key=lambda part: -part[1])
+    shown = ", ".join(f"{source} {share:.2g}" for source, share in parts if share > 0.05 * found.sigma)
+    notes = [f"sigma of {shown}"] if shown else []
+    if name == "pdof":
+        notes.insert(0, f"{severity.clock(np.radians(found.value))} o'clock")
+    if found.clipped:
+        notes.insert(0, "clipped: as recorded, the interval holds what was cut off")
+    return "; ".join(notes)
+
+
+def _impact(span: tuple[int, int], numbers: Mapping[str, Uncertain]) -> Event:
+    found = numbers["delta_v_resultant_max"]
+    at = f"{1e3 * numbers['time_of_max'].value:.0f} ms after time zero"
+    pdof = f", direction of force {numbers['pdof'].value:.0f} deg" if "pdof" in numbers else ""
+    return Event(*span, "impact", found.value, "km/h", f"delta-V {found.low:.1f} to {found.high:.1f}, {at}{pdof}")
+
+
+def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
+    rate_hz = 1.0 / pulse.step_s
+    if rate_hz < LEAST_RATE * 60:
+        yield warning(
+            f"CFC 60 wants {LEAST_RATE * 60:.0f} samples per second, here are {rate_hz:.0f}: "
+            "peaks may be folded or too low; delta-V is not concerned"
+        )
+    if not motion.directed:
+        yield warning("it is not known which way is forward: only sizes are told; turn imu into the vehicle first")
+    elif not motion.turning:
+        yield warning("there is no gyro: the vehicle is taken not to turn during the impact")
+    if (len(pulse.accel) - pulse.lead) * pulse.step_s < _OLDEST_DELTA_V_S:
+        yield warning("the log ends within 300 ms of time zero: the largest delta-V may lie behind its end")
+    if any(number.clipped for number in numbers.values()):
+        yield warning("the accelerometer was clipped in the crash: its numbers are as recorded, read the intervals")
+
+
+@hookimpl
+def declare_analyzers() -> Iterable[Analyzer]:
+    """The analyzer `crash`."""
+    yield Analyzer(
+        name="crash",
+        summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
+        params=CrashParams,
+        run=analyze_crash,
+        reads={
+            "trajectory": TRAJECTORY.need(maybe=["accel", "gyro", "vel", "q", "vel_std"], optional=True),
+            "imu": IMU.need("accel", maybe=["gyro"], optional=True),
+            "knots": KNOTS.need("root", "chain", "shared", "gyro_noise", "accel_noise", optional=True),
+            "events": EVENTS.need("time", "end_time", "kind", optional=True),
+            "metrics": METRICS.need("name", "sigma", optional=True),
+        },
+        writes={"events": EVENTS},
+        references=("49 CFR 563", "SAE J211-1", "EN 1317-1:1998, 2010", "MASH 2016, appendix F"),
+    )

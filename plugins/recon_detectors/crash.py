@@ -1,0 +1,215 @@
+"""Crashes as event data recorders find them: by the change of velocity within a short time.
+
+    wake-up    the velocity changes by more than 0.8 km/h within 20 ms; time zero is the beginning of that interval
+    trigger    it changes by 8 km/h or more within 150 ms while awake; what does not reach that is no event
+    end        it changes by 0.8 km/h or less within 20 ms, and stays so for `merge`
+
+Only what happens across gravity counts, so potholes and speed bumps, which push upwards, do not add up. On an imu that
+is not yet turned into the vehicle, up is the mean specific force of the seconds around; forward is not needed, for the
+size of the horizontal change counts, which is never less than its longitudinal part.
+
+A box that falls is no crash of a vehicle: an impact right after free fall becomes an event `fall`. Where the sensor
+came to the end of its range, events `saturation` say so. No row is dropped: what follows a crash matters to its
+reconstruction.
+
+References
+    49 CFR 563.5: end of event, event, time zero, trigger threshold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon import (
+    EVENTS,
+    IMU,
+    Array,
+    Detector,
+    Event,
+    Metric,
+    Params,
+    Streams,
+    events,
+    hookimpl,
+    matrix,
+    metrics,
+    quantity,
+    time_ns,
+    warning,
+)
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.numerics.integration import cumulative
+from recon.numerics.saturation import clipped
+from recon.numerics.signals import interpolate, median_rate, moving_average, runs
+from recon.tables import schema_of
+
+_GAP_S: Final = 0.2
+"""A longer silence of the imu tells nothing of the velocity."""
+_BLOCK_S: Final = 1.0
+_UP_BLOCKS: Final = 11
+"""Blocks over which specific force averages to gravity."""
+_WEIGHTLESS: Final = 0.35 * STANDARD_GRAVITY
+_AFTER_FALL_S: Final = 0.3
+_LEAST_CLIPPED: Final = 1.2 * STANDARD_GRAVITY
+_CLIPPED_APART_S: Final = 0.05
+_LEAST_RATE: Final = 50.0
+"""Hz; slower sampling may miss the pulse."""
+KM_H: Final = 1.0 / 3.6
+
+
+class CrashParams(Params):
+    """Parameters of detector.crash."""
+
+    wake_up: float = quantity(0.8, "km/h", gt=0, doc="Change of velocity within wake_up_time that begins an event.")
+    wake_up_time: float = quantity(20.0, "ms", gt=0, le=1000, doc="See wake_up.")
+    trigger: float = quantity(8.0, "km/h", gt=0, doc="Change of velocity within trigger_time that makes it a crash.")
+    trigger_time: float = quantity(150.0, "ms", gt=0, le=5000, doc="See trigger.")
+    merge: float = quantity(100.0, "ms", ge=0, le=60000, doc="Wake-ups up to this far apart are one event.")
+    fall: float | None = quantity(
+        80.0, "ms", gt=0, doc="Free fall of this length before an impact: the box fell, the vehicle did not crash."
+    )
+    full_scale: float | None = quantity(
+        None, "g", gt=0, doc="End of the accelerometer's range; none: seen where it stays at its extreme."
+    )
+
+
+def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
+    """Events `crash` from time zero to their end, `fall` and `saturation`.
+
+    The value of a crash is its largest change of velocity within trigger_time, km/h.
+
+    imu : accel m/s^2, any frame, specific force or acceleration; rows without it are left out
+    """
+    accel = matrix(imu, "accel", gaps=True)
+    known = np.isfinite(accel).all(axis=1)
+    t_ns, accel = time_ns(imu)[known], accel[known]
+    clips = _saturations(t_ns, clipped(accel, params.full_scale, _LEAST_CLIPPED), accel)
+    learnt = [Metric("trigger", params.trigger / KM_H, "km/h", note=f"within {params.trigger_time * 1e3:g} ms")]
+    if len(t_ns) < 2:
+        return {"events": events(clips), "metrics": metrics([Metric("crashes", 0.0), *learnt])}
+    horizontal, force = _across_gravity(t_ns, accel, imu)
+    found = _crashes(t_ns, horizontal, params)
+    falls = [event for event in found if _fell(event.start_ns, t_ns, force, params)]
+    crashes = [event for event in found if event not in falls]
+    fallen = [Event(e.start_ns, e.end_ns, "fall", e.value, e.unit, "impact after free fall") for e in falls]
+    learnt += [Metric("crashes", float(len(crashes))), Metric("falls", float(len(falls)))]
+    learnt += _doubts(t_ns, crashes, falls, clips)
+    return {"events": events([*crashes, *fallen, *clips]), "metrics": metrics(learnt)}
+
+
+def _across_gravity(t_ns: NDArray[np.int64], accel: Array, imu: pa.Table) -> tuple[Array, Array]:
+    """Horizontal acceleration (n, 2 or 3) and size of the specific force (n,), m/s^2."""
+    column = schema_of(imu)["accel_x"]
+    if column.quantity == "acceleration":
+        force = np.linalg.norm(accel + np.array([0.0, 0.0, STANDARD_GRAVITY]), axis=1)
+        return accel[:, :2], force
+    force = np.linalg.norm(accel, axis=1)
+    if column.frame in ("vehicle", "level"):
+        return accel[:, :2], force
+    up = _up(t_ns, accel)
+    return accel - (accel * up).sum(axis=1)[:, None] * up, force
+
+
+def _up(t_ns: NDArray[np.int64], accel: Array) -> Array:
+    """Direction of gravity (n, 3), from medians over blocks, which no impact moves, averaged over seconds."""
+    size = max(round(_BLOCK_S * median_rate(t_ns)), 1)
+    blocks = np.array_split(np.arange(len(t_ns)), max(len(t_ns) // size, 1))
+    middle = np.array([t_ns[block[len(block) // 2]] for block in blocks])
+    smooth = moving_average(np.array([np.median(accel[block], axis=0) for block in blocks]), _UP_BLOCKS)
+    inside = np.clip(t_ns, middle[0], middle[-1])
+    up = interpolate(inside, middle, smooth)
+    return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None])
+
+
+def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list[Event]:
+    """One event for each time awake in which the trigger is reached. accel : (n, k) m/s^2, horizontal."""
+    t_s = (t_ns - t_ns[0]) * 1e-9
+    vel = cumulative(t_s, accel, "trapezoid", held=np.diff(t_s) > _GAP_S)
+    awake = _changed(t_s, vel, params.wake_up_time) > params.wake_up
+    rows = np.flatnonzero(awake)
+    if not len(rows):
+        return []
+    apart = np.flatnonzero(np.diff(t_s[rows]) > params.merge + params.wake_up_time) + 1
+    change = _changed(t_s, vel, params.trigger_time)
+    found: list[Event] = []
+    for group in np.split(rows, apart):
+        until = np.searchsorted(t_s, t_s[group[-1]] + params.wake_up_time, side="right")
+        largest = float(change[group[0] : until].max())
+        if largest < params.trigger:
+            continue
+        zero = max(t_s[group[0]] - params.wake_up_time, 0.0)
+        zero_ns = int(t_ns[np.searchsorted(t_s, zero - 1e-9)])
+        start_ns = max(zero_ns, found[-1].end_ns) if found else zero_ns
+        end_ns = int(t_ns[min(group[-1] + 1, len(t_ns) - 1)])
+        note = f"time zero by {params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms"
+        found.append(Event(start_ns, end_ns, "crash", largest / KM_H, "km/h", note))
+    return found
+
+
+def _changed(t_s: Array, vel: Array, window_s: float) -> Array:
+    """Size of the change of velocity (n, k) within the time before each row: (n,) m/s."""
+    earlier = np.stack([np.interp(t_s - window_s, t_s, axis) for axis in vel.T], axis=1)
+    return np.asarray(np.linalg.norm(vel - earlier, axis=1))
+
+
+def _fell(zero_ns: int, t_ns: NDArray[np.int64], force: Array, params: CrashParams) -> bool:
+    """Was the box weightless right before time zero?"""
+    if params.fall is None:
+        return False
+    until = np.searchsorted(t_ns, zero_ns + round(params.wake_up_time * 1e9))
+    since = np.searchsorted(t_ns, zero_ns - round((_AFTER_FALL_S + params.fall) * 1e9))
+    spans = runs(force[since:until] < _WEIGHTLESS) + since
+    return any(t_ns[stop - 1] - t_ns[start] >= params.fall * 1e9 for start, stop in spans)
+
+
+def _saturations(t_ns: NDArray[np.int64], mask: NDArray[np.bool_], accel: Array) -> list[Event]:
+    """One event for each group of clipped samples, whatever their axis."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return []
+    apart = np.flatnonzero(np.diff(t_ns[rows]) > round(_CLIPPED_APART_S * 1e9)) + 1
+    found = []
+    for group in np.split(rows, apart):
+        axes = [name for name, axis in zip("xyz", mask[group].T, strict=True) if axis.any()]
+        largest = float(np.abs(accel[group][mask[group]]).max())
+        note = f"accel {', '.join(axes)} at the end of the range in {int(mask[group].any(axis=1).sum())} rows"
+        found.append(Event(int(t_ns[group[0]]), int(t_ns[group[-1]]), "saturation", largest, "m/s^2", note))
+    return found
+
+
+def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], clips: list[Event]) -> Iterable[Metric]:
+    rate_hz = median_rate(t_ns)
+    yield Metric("sampling_rate", rate_hz, "Hz", note="median")
+    if rate_hz < _LEAST_RATE:
+        yield warning(f"{rate_hz:.0f} samples per second are too few for crashes: a pulse may lie between two of them")
+    for event in falls:
+        after = (event.start_ns - int(t_ns[0])) * 1e-9
+        yield warning(
+            f"the impact {after:.1f} s after the start follows free fall, so the box fell and it counts as no crash; "
+            "if the vehicle itself flew, set fall to none"
+        )
+    hit = [e for e in clips if any(c.start_ns <= e.end_ns and e.start_ns <= c.end_ns for c in crashes)]
+    if hit:
+        yield warning(
+            f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} places "
+            "during a crash: its size has bounds only"
+        )
+
+
+@hookimpl
+def declare_detectors() -> Iterable[Detector]:
+    """detector.crash."""
+    yield Detector(
+        name="crash",
+        summary="Crashes by the change of velocity, with time zero and end as event data recorders have them.",
+        params=CrashParams,
+        reads={"imu": IMU.need("accel")},
+        writes={"events": EVENTS},
+        run=crash,
+        references=("49 CFR 563.5",),
+    )

@@ -1,0 +1,86 @@
+"""Samples that a sensor has clipped, and what may lie behind them.
+
+A sensor that reaches the end of its range repeats that value exactly. So does the smooth top of a peak that is
+quantised, but a parabola that stays L samples within one quantum falls by eight quanta in the next L. A plateau at the
+extreme of an axis counts as clipped where it falls by three times as much.
+
+What was cut off lies between the plateau and the two lines by which the flanks would go on, as long as the peak is
+concave: the tangent of a concave curve lies above it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.signals import runs
+
+Floats = NDArray[np.float64]
+
+_FEWEST: Final = 3
+"""Equal samples that make a plateau."""
+_SAME: Final = 1e-6
+"""Share of the extreme within which values are the same; arithmetic on equal numbers leaves them equal to rounding."""
+_NEAR: Final = 1e-3
+"""The same of a range that is given, as data sheets round."""
+_STEEP: Final = 24.0
+"""Quanta by which the signal falls beside a clipped plateau, within its length."""
+
+
+def clipped(y: Floats, full_scale: float | None = None, least: float = 0.0) -> NDArray[np.bool_]:
+    """Samples at the end of the sensor's range, by axis.
+
+    y : (n, k), NaN where missing
+    full_scale : end of the range, where it is known; None: found from plateaus at the extremes of each axis
+    least : extremes of a smaller size are none of a sensor's
+    returns : (n, k)
+    """
+    if full_scale is not None:
+        return np.asarray(np.abs(y) >= (1.0 - _NEAR) * full_scale)
+    found = np.zeros(y.shape, dtype=bool)
+    for axis in range(y.shape[1]):
+        for sign in (1.0, -1.0):
+            found[:, axis] |= _plateaus(sign * y[:, axis], least)
+    return found
+
+
+def _plateaus(y: Floats, least: float) -> NDArray[np.bool_]:
+    """Of one axis (n,), at its largest value."""
+    mask = np.zeros(len(y), dtype=bool)
+    top = float(np.nanmax(y)) if np.isfinite(y).any() else 0.0
+    if top <= least:
+        return mask
+    long = [run for run in runs(np.nan_to_num(y, nan=-np.inf) >= (1.0 - _SAME) * top) if run[1] - run[0] >= _FEWEST]
+    if not long:
+        return mask
+    step = np.abs(np.diff(y))
+    quantum = float(step[step > _SAME * top].min(initial=top))
+    for start, stop in long:
+        ends = [y[max(2 * start - stop, 0)], y[min(2 * stop - start, len(y)) - 1]]
+        mask[start:stop] = top - np.nanmin(ends) > _STEEP * quantum
+    return mask
+
+
+def hidden(t_s: Floats, y: Floats, mask: NDArray[np.bool_]) -> Floats:
+    """The most that may be missing in clipped samples of one axis, with the sign of what they show; 0 elsewhere.
+
+    Each plateau is continued by the slopes of its flanks, over the two samples before and behind it.
+
+    t_s : (n,) s; y : (n,); mask : (n,)
+    """
+    missing = np.zeros_like(y)
+    for start, stop in runs(mask):
+        inside = slice(start, stop)
+        sign = np.sign(y[start]) or 1.0
+        lines = []
+        if start >= 2:
+            rise = sign * (y[start - 1] - y[start - 2]) / (t_s[start - 1] - t_s[start - 2])
+            lines.append(max(rise, 0.0) * (t_s[inside] - t_s[start - 1]) + sign * (y[start - 1] - y[start]))
+        if stop + 1 < len(y):
+            fall = sign * (y[stop] - y[stop + 1]) / (t_s[stop + 1] - t_s[stop])
+            lines.append(max(fall, 0.0) * (t_s[stop] - t_s[inside]) + sign * (y[stop] - y[start]))
+        if lines:
+            missing[inside] = sign * np.maximum(np.min(lines, axis=0), 0.0)
+    return missing

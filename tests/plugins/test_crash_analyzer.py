@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from typing import Any
+
+import crash_pulses as pulses
+import numpy as np
+import pytest
+
+from recon.numerics.geodesy import STANDARD_GRAVITY as G
+from recon.rows import warnings_of
+from recon.schema import IMU, Change
+from recon.tables import Array, Streams
+from recon_analyzers.crash import CrashParams, analyze_crash, declare_analyzers
+from recon_detectors.crash import CrashParams as DetectorParams
+from recon_detectors.crash import crash as detect
+
+VEHICLE = Change({"accel": "vehicle", "gyro": "vehicle"}, {"accel": "acceleration"}).apply(IMU)
+SENSOR = IMU
+
+NAMES = [
+    "delta_v_long_max", "delta_v_lat_max", "delta_v_resultant_max", "time_of_max", "accel_peak_cfc60", "pdof",
+    "speed_before", "asi_1998", "asi_2010", "thiv", "phd", "oiv_long", "oiv_lat", "ridedown",
+]  # fmt: skip
+
+
+def analyzed(t_s: Array, accel: Array, gyro: Array | None = None, schema: Any = VEHICLE) -> Streams:
+    """Of an imu in the vehicle, gravity taken off unless it is one of the sensor."""
+    accel = accel if schema is SENSOR else accel - [0.0, 0.0, G]
+    imu = pulses.imu_of(t_s, accel, gyro, schema)
+    events = detect(imu=imu, params=DetectorParams())["events"]
+    return analyze_crash(trajectory=None, imu=imu, knots=None, events=events, metrics=None, params=CrashParams())
+
+
+def told(found: Streams) -> dict[str, dict[str, Any]]:
+    return {row["name"]: row for row in found["metrics"].to_pylist()}
+
+
+def test_a_haversine_pulse_gives_what_its_formulas_say() -> None:
+    t_s = pulses.times(1000.0)
+    rows = told(analyzed(t_s, pulses.crash(t_s, (-12.0, 0.0), 0.1)))
+    # Trapezoids are exact for a haversine; time zero lies 6 ms or so before the pulse does anything.
+    assert rows["delta_v_long_max"]["value"] == pytest.approx(-43.2, abs=0.01)
+    assert rows["pdof"]["value"] == pytest.approx(0.0, abs=0.01)
+    # Mean over the middle 50 ms: (1/2 + 1/pi) of 2 dv / T.
+    assert rows["asi_1998"]["value"] == pytest.approx(240.0 * (0.5 + 1 / np.pi) / (12 * G), rel=2e-3)
+    # CFC 60 takes little off a haversine of 10 Hz.
+    assert rows["accel_peak_cfc60"]["value"] == pytest.approx(-240.0 / G, rel=5e-3)
+    # After the pulse the head flies on at dv.
+    assert rows["thiv"]["value"] == pytest.approx(43.2, rel=5e-3)
+    assert rows["oiv_long"]["value"] == pytest.approx(43.2, rel=5e-3)
+    assert rows["phd"]["value"] < 5.0
+
+
+def test_every_number_of_the_field_has_a_sigma_and_an_interval_that_holds_it() -> None:
+    t_s = pulses.times()
+    rows = told(analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-9.0, 3.0)))))
+    assert set(NAMES) <= set(rows)
+    for name in set(NAMES) - {"speed_before", "time_of_max"}:
+        row = rows[name]
+        assert row["low"] <= row["value"] <= row["high"], name
+        assert row["sigma"] > 0.0, name
+        assert "sigma of" in row["note"], name
+        assert row["method"], name
+
+
+def test_with_several_impacts_the_severest_is_told_and_all_are_listed() -> None:
+    t_s = pulses.times()
+    accel = pulses.crash(t_s, (-4.0, 0.0))
+    accel[:, 0] -= pulses.pulse(t_s, pulses.ZERO_S + 2.0, 0.1) * 9.0
+    found = analyzed(t_s, accel)
+    impacts = [row for row in found["events"].to_pylist() if row["kind"] == "impact"]
+    assert [round(row["value"] / 3.6, 1) for row in impacts] == [4.0, 9.0]
+    assert told(found)["delta_v_long_max"]["value"] == pytest.approx(-9.0 * 3.6, rel=1e-3)
+    assert told(found)["impacts"]["value"] == 2.0
+
+
+def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
+    t_s = pulses.times(1000.0)
+    accel = pulses.noisy(pulses.crash(t_s, (-15.0, 0.0)))
+    found = analyzed(t_s, np.clip(accel, -16 * G, 16 * G))
+    row = told(found)["delta_v_long_max"]
+    assert row["low"] < -15.0 * 3.6 < row["high"]
+    assert row["value"] > -15.0 * 3.6 + 1.0
+    assert "clipped" in row["note"]
+    assert any("clipped" in text for text in warnings_of(found["metrics"]))
+
+
+def test_without_forward_only_sizes_are_told() -> None:
+    t_s = pulses.times()
+    found = analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-9.0, 3.0))), schema=SENSOR)
+    rows = told(found)
+    assert rows["delta_v_resultant_max"]["value"] == pytest.approx(np.hypot(9.0, 3.0) * 3.6, rel=0.01)
+    assert rows["delta_v_long_max"]["value"] is None
+    assert rows["pdof"]["value"] is None
+    assert any("which way is forward" in text for text in warnings_of(found["metrics"]))
+
+
+def test_a_drive_without_a_crash_has_no_impact() -> None:
+    t_s = pulses.times()
+    rows = told(analyzed(t_s, pulses.hard_braking(t_s)))
+    assert rows["impacts"]["value"] == 0.0
+    assert "delta_v_long_max" not in rows
+
+
+def test_the_declaration_has_no_fault() -> None:
+    assert [stage.faults() for stage in declare_analyzers()] == [[]]
