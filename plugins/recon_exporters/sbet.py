@@ -33,21 +33,13 @@ import pyarrow as pa
 from recon.errors import DataError
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
+from recon.numerics.gnss_time import GPS_EPOCH_NS, WEEK_NS, utc_to_gps
 from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.parameters import NoParams
 from recon.schema import TRAJECTORY
 from recon.stages import Exporter
 from recon.tables import Array, has, matrix, meta, select_rows, time_ns, vector
 
-_NS: Final = 1_000_000_000
-_WEEK_NS: Final = 7 * 86_400 * _NS
-_GPS_EPOCH_NS: Final = 315_964_800 * _NS
-"""1980-01-06, in the count of UTC since 1970 that leaves out leap seconds."""
-_LEAPS: Final = (
-    "1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07 1994-07 1996-01 1997-07 1999-01 2006-01 "
-    "2009-01 2012-07 2015-07 2017-01"
-)
-"""Months since which GPS time is one more second ahead of UTC."""
 _FORWARD_RIGHT_DOWN: Final = (1.0, -1.0, -1.0)
 _DATUMS: Final = {"ellipsoid": "the WGS84 ellipsoid", "mean_sea_level": "mean sea level, which SBET does not expect"}
 
@@ -87,11 +79,8 @@ def _vectors(rows: pa.Table, group: str) -> Array:
 
 def _gps_seconds(rows: pa.Table) -> Array:
     """Seconds since the GPS week of the first row began: (n,)."""
-    t_ns = time_ns(rows) - _GPS_EPOCH_NS
-    if _is_utc(rows):
-        since = np.array(_LEAPS.split(), dtype="datetime64[ns]").astype(np.int64)
-        t_ns = t_ns + np.count_nonzero(since <= time_ns(rows)[0]) * _NS  # those of the first row: times rise evenly
-    return np.asarray((t_ns - t_ns[0] // _WEEK_NS * _WEEK_NS) * 1e-9)
+    t_ns = (utc_to_gps(time_ns(rows)) if _is_utc(rows) else time_ns(rows)) - GPS_EPOCH_NS
+    return np.asarray((t_ns - t_ns[0] // WEEK_NS * WEEK_NS) * 1e-9)
 
 
 def _is_utc(rows: pa.Table) -> bool:

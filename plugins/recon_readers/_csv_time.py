@@ -17,17 +17,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, leap_seconds
 from recon.rows import Metric, warning
 from recon_readers._csv_mapping import Time
 from recon_readers._csv_sheet import Sheet, trimmed
 from recon_readers._delimited import TIME_TYPE, whole_ns
 from recon_readers._time_order import Mask, Times
+from recon_readers._time_text import CLOCK, ISO_DATE, ZONE, match, moment, time_of_day
 
-NS: Final = 1_000_000_000
-DAY_NS: Final = 86_400 * NS
-WEEK_NS: Final = 7 * DAY_NS
-GPS_EPOCH_NS: Final = 315_964_800 * NS
-"""1980-01-06T00:00:00Z."""
 DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Decimals of each unit down to a nanosecond."""
 _EARLIEST_NS: Final = 315_532_800 * NS
@@ -38,17 +35,8 @@ _LARGEST_NS: Final = 4_200_000_000 * NS
 _SMALLEST: Final = Decimal(1).scaleb(-18)
 _CONTEXT: Final = Context(prec=38)
 
-_LEAPS: Final = (
-    "1981-07-01 1982-07-01 1983-07-01 1985-07-01 1988-01-01 1990-01-01 1991-01-01 1992-07-01 1993-07-01 1994-07-01 "
-    "1996-01-01 1997-07-01 1999-01-01 2006-01-01 2009-01-01 2012-07-01 2015-07-01 2017-01-01"
-)
-"""Days from which on GPS was a second more ahead of UTC."""
-_LEAPS_NS: Final = np.array(_LEAPS.split(), dtype="datetime64[ns]").astype(np.int64)
-
-_CLOCK: Final = r"(?P<H>\d{1,2}):?(?P<M>\d{2})(?::?(?P<S>\d{2})(?:[.,](?P<F>\d+))?)?"
-_ZONE: Final = r"\s*(?:(?P<Z>[Zz]|UTC|GMT)?(?P<sign>[+-])?(?P<zh>\d{2})?:?(?P<zm>\d{2})?)"
 _DATES: Final = {
-    "iso": r"(?P<y>\d{4})[-/.]?(?P<m>\d{1,2})[-/.]?(?P<d>\d{1,2})",
+    "iso": ISO_DATE,
     "day_first": r"(?P<d>\d{1,2})[-/.](?P<m>\d{1,2})[-/.](?P<y>\d{4})",
     "month_first": r"(?P<m>\d{1,2})[-/.](?P<d>\d{1,2})[-/.](?P<y>\d{4})",
 }
@@ -65,12 +53,6 @@ class Clock:
     missing: Mask
     absolute: bool
     learnt: tuple[Metric, ...]
-
-
-def leap_seconds(gps_ns: int) -> int:
-    """GPS time minus UTC in s, at a time that GPS shows: ns since 1970 without leap seconds."""
-    ahead = np.arange(1, len(_LEAPS_NS) + 1) * NS
-    return int(np.count_nonzero(_LEAPS_NS + ahead <= gps_ns))
 
 
 def read_clock(sheet: Sheet, time: Time, columns: Mapping[int, pa.ChunkedArray]) -> Clock:
@@ -164,15 +146,15 @@ def _of_texts(
 
     parts = [trimmed(columns[index]) for index in indices]
     texts = parts[0] if len(parts) == 1 else compute.binary_join_element_wise(*parts, " ")
-    found = _match(texts, rf"^{_DATES[time.format]}[T ]\s*{_CLOCK}{_ZONE}$")
-    t_ns, good = _moment(found, time.zone_ns)
+    found = match(texts, rf"^{_DATES[time.format]}[T ]\s*{CLOCK}{ZONE}$")
+    t_ns, good = moment(found, time.zone_ns)
     return _complete(sheet, indices[-1], texts, t_ns, good, _EXAMPLES[time.format])
 
 
 def _of_day(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> tuple[Times, Mask]:
     """Times of day; where they fall by more than half a day, the next day has begun."""
     plain = trimmed(texts)
-    clock, good = _time_of_day(_match(plain, rf"^{_CLOCK}$"))
+    clock, good = time_of_day(match(plain, rf"^{CLOCK}$"))
     t_ns, missing = _complete(sheet, index, plain, clock, good, _EXAMPLES["time_of_day"])
     rows = np.flatnonzero(~missing)
     days = np.zeros(len(t_ns), dtype=np.int64)
@@ -197,46 +179,3 @@ def _complete(
         row = int(wrong.argmax())
         raise sheet.no(row, index, texts[row].as_py(), example, "check the format of the time, or repair the line")
     return np.where(missing, 0, t_ns), missing
-
-
-def _match(texts: pa.ChunkedArray, pattern: str) -> dict[str, pa.Array]:
-    """The named groups of a pattern as arrays of text, "" where a group or the whole is not there."""
-    from pyarrow import compute
-
-    found = compute.extract_regex(pa.array(texts.combine_chunks()), pattern)
-    names = [found.type.field(index).name for index in range(found.type.num_fields)]
-    return {name: part.fill_null("") for name, part in zip(names, found.flatten(), strict=True)}
-
-
-def _whole(texts: Any, empty: int = 0) -> NDArray[np.int64]:
-    from pyarrow import compute
-
-    blank = compute.equal(texts, "")
-    return np.asarray(compute.if_else(blank, str(empty), texts).cast(pa.int64()))
-
-
-def _moment(found: Mapping[str, Any], zone: int) -> tuple[Times, Mask]:
-    """ns since 1970 of texts that were taken apart, (n,); and whether each is a time, (n,) bool."""
-    years, months, days = (_whole(found[name], 1) for name in "ymd")
-    month = (years - 1970).astype("datetime64[Y]").astype("datetime64[M]") + (months - 1)
-    date = month.astype("datetime64[D]") + (days - 1)
-    clock, good = _time_of_day(found)
-    good &= np.asarray(found["y"]) != ""
-    good &= (months >= 1) & (months <= 12) & (days >= 1) & (date.astype("datetime64[M]") == month)
-    good &= (years >= 1900) & (years <= 2200)
-    signed = np.asarray(found["sign"])
-    minutes = 60 * _whole(found["zh"]) + _whole(found["zm"])
-    good &= (signed != "") | (minutes == 0)
-    named = (signed != "") | (np.asarray(found["Z"]) != "")
-    offset = np.where(signed == "-", -1, 1) * minutes * 60 * NS
-    whole_days = np.where(good, date.astype(np.int64), 0)
-    return whole_days * DAY_NS + clock - np.where(named, offset, zone), good
-
-
-def _time_of_day(found: Mapping[str, Any]) -> tuple[Times, Mask]:
-    from pyarrow import compute
-
-    hours, minutes, seconds = (_whole(found[name]) for name in "HMS")
-    fraction = compute.utf8_slice_codeunits(compute.utf8_rpad(found["F"], 9, "0"), 0, 9)
-    good = (hours < 24) & (minutes < 60) & (seconds <= 60) & (np.asarray(found["H"]) != "")
-    return ((hours * 60 + minutes) * 60 + seconds) * NS + _whole(fraction), good
