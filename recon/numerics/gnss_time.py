@@ -43,4 +43,4 @@ def gps_to_utc(gps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def utc_to_gps(utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """The inverse of `gps_to_utc`: (n,) ns since 1970 without leap seconds."""
-    return np.asarray(utc_ns + int(np.count_nonzero(_LEAPS_NS <= utc_ns[0])) * NS) if len(utc_ns) else utc_ns
+    return np.asarray(utc_ns + int(np.count_nonzero(utc_ns[0] >= _LEAPS_NS)) * NS) if len(utc_ns) else utc_ns
