@@ -49,10 +49,7 @@ class Form:
         if len(parts) != len(self.names):
             return False
         return not values or all(
-            kind == pa.string() or part in _BLANK or (_TIME if kind == TIME_TYPE else _NUMBER).fullmatch(part)
-            for part, kind in (
-                (parts[index], self.kinds.get(name, pa.string())) for index, name in enumerate(self.names)
-            )
+            _fits(part, self.kinds.get(name)) for part, name in zip(parts, self.names, strict=True)
         )
 
     def is_row(self, line: bytes) -> bool:
@@ -127,6 +124,15 @@ def split_header(text: bytes, mark: bytes) -> tuple[list[str], int]:
         header.append(text[start:stop].decode("utf-8", "replace").strip())
         start = min(stop + 1, len(text))
     return header, start
+
+
+def _fits(part: bytes, kind: pa.DataType | None) -> bool:
+    """Can a field be read as the type of its column, None where it is not wanted?"""
+    if kind is None or part in _BLANK:
+        return True
+    if kind == pa.string():
+        return part.isascii()
+    return bool((_TIME if kind == TIME_TYPE else _NUMBER).fullmatch(part))
 
 
 def _blanks(form: Form) -> bool:

@@ -30,7 +30,7 @@ TYPES: Final[Mapping[str, int]] = {"RMC": 9, "GGA": 14, "GST": 8, "VTG": 8, "ZDA
 """Sentences that are read, and how many of their fields."""
 KNOT: Final = 1852.0 / 3600.0
 _SENTENCE: Final = re.compile(
-    rb"[$!]([A-Z]{2}(?:" + "|".join(TYPES).encode() + rb"),[^$!*\r\n]{0,240})\*([0-9A-Fa-f]{2})"
+    rb"[$!]([A-Z]{2}(?:" + "|".join(TYPES).encode() + rb"),[ \"#%-)+-~]{0,240})\*([0-9A-Fa-f]{2})"
 )
 _ANY: Final = re.compile(rb"[$!][A-Z][A-Z0-9]{3,7},[^$!\r\n]*")
 _NUMBER: Final = r"^[+-]?(?:[0-9]{1,18}\.?[0-9]{0,18}|\.[0-9]{1,18})$"
@@ -131,7 +131,7 @@ def _columns(name: str, places: NDArray[np.int64], texts: list[bytes]) -> Senten
     from pyarrow import compute
 
     width = TYPES[name]
-    padded = pa.array([text + b"," * width for text in texts], pa.binary()).cast(pa.string(), safe=False)
+    padded = pa.array([text + b"," * width for text in texts], pa.binary()).cast(pa.string())
     split = compute.split_pattern(padded, ",")
     fields = [compute.utf8_trim_whitespace(compute.list_element(split, index)) for index in range(width)]
     clock_ns, day = _clock(name, fields)

@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
+import log_files
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
@@ -308,6 +309,21 @@ def _files(folder: Path) -> Sample:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+# --- formats of loggers ----------------------------------------------------------------------------------------------
+
+
+def nmea_samples() -> list[Sample]:
+    return [{"drive.nmea": log_files.nmea(20)}]
+
+
+def ubx_samples() -> list[Sample]:
+    return [{"drive.ubx": log_files.ubx(10)}]
+
+
+def vbox_samples() -> list[Sample]:
+    return [{"drive.vbo": log_files.vbo(20)}]
+
+
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
 
@@ -317,4 +333,7 @@ TARGETS: Final[dict[str, Target]] = {
     "yaml": Target(yaml_samples, validate),
     "parquet": Target(parquet_samples, read_by("reader.parquet")),
     "mcap": Target(mcap_samples, read_by("reader.mcap")),
+    "nmea": Target(nmea_samples, read_by("reader.nmea")),
+    "ubx": Target(ubx_samples, read_by("reader.ubx", Override.from_data("reader.ubx.at_rest", "up"))),
+    "vbox": Target(vbox_samples, read_by("reader.vbox", Override.from_data("reader.vbox.axes", "FLU"))),
 }

@@ -17,7 +17,13 @@ def fuzz(target: str, cases: int = CASES, script: Path = HERE / "run.py") -> sub
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8")
 
 
-@pytest.mark.parametrize("target", ["physycom", "csv", "yaml", "parquet", "mcap"])
+TARGETS = [
+    *("physycom", "csv", "yaml", "parquet", "mcap"),
+    *("nmea", "ubx", "vbox"),
+]
+
+
+@pytest.mark.parametrize("target", TARGETS)
 def test_damaged_files_give_rows_or_an_error_of_ours(target: str) -> None:
     ended = fuzz(target)
     assert ended.returncode == 0, ended.stdout + ended.stderr

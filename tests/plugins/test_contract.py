@@ -15,6 +15,7 @@ import pyarrow as pa
 import pytest
 import read_back
 from array_logs import navego_gnss, navego_imu, navego_ref, save_mat, segment
+from fuzz import log_files
 
 from recon.pytest_plugin import MARK
 from recon.registry import Registry
@@ -26,12 +27,15 @@ from recon.testing.samples import samples
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
 from recon_readers.csv import CsvParams
+from recon_readers.ubx import UbxParams
+from recon_readers.vbox import VboxParams
 
 FOLDER = Path(tempfile.gettempdir()) / f"recon-contract-{os.getpid()}"
 FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
 TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
+NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -57,6 +61,8 @@ def files() -> Iterator[None]:
     segment(SEGMENT)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
         save_mat(NAVEGO / f"{name}.mat", **{name: fields})
+    for path, content in ((NMEA, log_files.nmea()), (UBX, log_files.ubx()), (VBO, log_files.vbo())):
+        path.write_bytes(content)
     yield
     shutil.rmtree(FOLDER)
 
@@ -146,6 +152,21 @@ def test_reader_comma2k19(law: BoundLaw) -> None:
 
 @contract("reader.navego", cases=[Case("folder", path=NAVEGO), Case("file", path=NAVEGO / "gnss.mat")])
 def test_reader_navego(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.nmea", cases=[Case(path=NMEA)])
+def test_reader_nmea(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.ubx", cases=[Case("gnss", path=UBX), Case("imu", UbxParams(at_rest="up"), path=UBX)])
+def test_reader_ubx(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.vbox", cases=[Case("gnss", path=VBO), Case("imu", VboxParams(axes="FLU"), path=VBO)])
+def test_reader_vbox(law: BoundLaw) -> None:
     law()
 
 

@@ -1,0 +1,339 @@
+"""Logs of u-blox receivers (UBX): GNSS, and the IMU and wheel speed of receivers with dead reckoning.
+
+    gnss    NAV-PVT, else NAV-PVAT, else HNR-PVT, else NAV-POSLLH with NAV-VELNED and the week of NAV-SOL or
+            NAV-TIMEGPS; NAV-HPPOSLLH of the same time refines the place
+    imu     ESF-MEAS, or ESF-RAW: accelerations in 2^-10 m/s^2, rates in 2^-12 deg/s
+    wheel   the speed of ESF-MEAS; ticks of wheels have no length and are left out
+
+Height is above the ellipsoid, course from true north. hAcc becomes the sigma of east and of north, sAcc that of each
+velocity. Only rows whose time and fix the receiver calls valid count. Sentences of NMEA among the messages are left to
+reader.nmea.
+
+ESF messages carry the receiver's own clock in ms since its start. It is set to UTC by the navigation messages before
+them: the least delay seen is taken as none, so that imu may be late by what the receiver needs to compute (about 0.1 s;
+aligner.time_offset finds out). Accelerometers of some receivers read -g along an axis that points up (seen on an M8U):
+which one it is, the log does not tell, and without `at_rest` the imu is left out.
+
+Payloads are decoded columnar from their layouts, not by a library one at a time.
+
+References: u-blox, F9 HPG 1.32 interface description; u-blox M8 receiver description and protocol specification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.errors import ReadFailed
+from recon.hookspecs import hookimpl
+from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, gps_to_utc
+from recon.parameters import Params, quantity, setting
+from recon.rows import Metric, metrics, warning
+from recon.schema import GNSS, IMU, WHEEL
+from recon.stages import Reader, Sniff
+from recon.tables import Array, Streams, with_meta
+from recon_readers._arrays import interleave
+from recon_readers._streams import Source, stream
+from recon_readers._time_order import Mask, Times, in_order, repeating
+from recon_readers._time_text import days
+from recon_readers._ubx_frames import ESF_MEAS, ESF_RAW, LAYOUTS, Kind, Messages, Places, count_messages, read_messages
+
+SOLUTIONS: Final = ("NAV-PVT", "NAV-PVAT", "HNR-PVT")
+VALID_TIME: Final = 0b11
+"""Bits validDate and validTime."""
+FIXES: Final = np.array([0, 3, 2, 3, 3, 1])
+"""u-blox: none, dead reckoning, 2D, 3D, both, time only; as `fix` of the stream."""
+RATES: Final = (14, 13, 5)
+FORCES: Final = (16, 17, 18)
+SPEED: Final = 11
+"""Types of ESF data: gyroscope and accelerometer x, y, z; speed."""
+_NAMES: Final[dict[Kind, str]] = {
+    **{kind: name for name, (kind, _) in LAYOUTS.items()},
+    ESF_MEAS: "ESF-MEAS", ESF_RAW: "ESF-RAW", (0x02, 0x15): "RXM-RAWX", (0x02, 0x13): "RXM-SFRBX",
+    (0x01, 0x03): "NAV-STATUS", (0x01, 0x35): "NAV-SAT", (0x01, 0x05): "NAV-ATT", (0x10, 0x10): "ESF-STATUS",
+}  # fmt: skip
+_AT_REST_HOW: Final = (
+    "set reader.ubx.at_rest: 'up' where an axis that points up reads +9.8 m/s^2 at rest, or one that points forward "
+    "reads more than zero while the vehicle speeds up, else 'down'"
+)
+
+_Made: TypeAlias = tuple[pa.Table | None, list[Metric]]
+
+
+class UbxParams(Params):
+    """What the messages do not tell."""
+
+    at_rest: Literal["up", "down"] | None = setting(
+        None, doc="Where the accelerometer's reading at rest points: up is specific force. Without it no imu is given."
+    )
+    raw_tick: float | None = quantity(None, "us", gt=0, doc="Time of one tick of ESF-RAW, 39.0625 us in M8 receivers.")
+
+
+def read(path: Path, params: UbxParams) -> Streams:
+    """The streams gnss, imu and wheel, whichever the file holds. Raises ReadFailed where it holds none of them."""
+    found = read_messages(path)
+    t_ns, place, gnss, told = _gnss(path, found)
+    zero_ns, clock = _clock(found, t_ns, place)
+    made = {"gnss": (gnss, told), "imu": _imu(path, found, zero_ns, params), "wheel": _wheel(path, found, zero_ns)}
+    streams = {name: table for name, (table, _) in made.items() if table is not None}
+    learnt = [*_counted(path, found), *(row for _, rows in made.values() for row in rows)]
+    if not streams:
+        raise ReadFailed(path, f"it holds no fix, imu or wheel speed: {_about(found)}", hint=_hint(learnt))
+    if streams.keys() & {"imu", "wheel"}:
+        learnt += clock
+    facts: dict[str, Any] = {"format": "UBX", "time_scale": "UTC"}
+    for name, table in streams.items():
+        absolute = name == "gnss" or zero_ns is not None
+        streams[name] = with_meta(table, **facts, clock="absolute" if absolute else "relative")
+    if "gnss" in streams:
+        streams["gnss"] = with_meta(streams["gnss"], height_datum="ellipsoid", heading_kind="course_true")
+    return {**streams, "metrics": metrics(learnt)}
+
+
+def sniff(path: Path, head: bytes) -> Sniff:
+    """Messages with right checksums."""
+    counts = count_messages(head)
+    read_kinds = {*(kind for kind, _ in LAYOUTS.values()), ESF_MEAS, ESF_RAW}
+    if not counts:
+        return Sniff(0.0, "no message of UBX")
+    if counts.keys() & read_kinds:
+        return Sniff(0.95, f"{counts.total()} messages of UBX")
+    return Sniff(0.55, f"{counts.total()} messages of UBX, in its beginning none that is read")
+
+
+# --- gnss -----------------------------------------------------------------------------------------------------------
+
+
+def _gnss(path: Path, found: Messages) -> tuple[Times, Places, pa.Table | None, list[Metric]]:
+    """Times (n,) and places (n,) of valid navigation messages; the stream gnss."""
+    for name in SOLUTIONS:
+        places, rows = found.rows(name)
+        if len(rows):
+            t_ns, missing = _utc(rows)
+            source, groups = Source(path, name), _solution(rows, found)
+            break
+    else:
+        places, rows = found.rows("NAV-POSLLH")
+        t_ns, missing = _by_week(found, places, rows["tow"])
+        source, groups = Source(path, "NAV-POSLLH"), _older(rows, found)
+    made, learnt = stream(source, GNSS, t_ns, missing, groups) if len(rows) else (None, [])
+    return t_ns[~missing], places[~missing], made, learnt
+
+
+def _utc(rows: NDArray[np.void]) -> tuple[Times, Mask]:
+    """UTC of messages that carry a date, (n,) ns; which have none, (n,) bool."""
+    date, known = days(*(rows[name].astype(np.int64) for name in ("year", "month", "day")))
+    second = (rows["hour"].astype(np.int64) * 60 + rows["min"]) * 60 + rows["sec"]
+    t_ns = date * DAY_NS + second * NS + rows["nano"]
+    return t_ns, ~known | ((rows["valid"] & VALID_TIME) != VALID_TIME) | (np.abs(rows["nano"].astype(np.int64)) > NS)
+
+
+def _solution(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
+    """Columns of NAV-PVT, NAV-PVAT or HNR-PVT."""
+    ok = (rows["flags"] & 1).astype(bool)
+    groups = {**_place(rows), "speed": rows["speed"] * 1e-3, "course": np.radians(rows["course"] * 1e-5)}
+    if "vel_n" in (rows.dtype.names or ()):
+        groups["vel"] = np.column_stack([rows["vel_e"], rows["vel_n"], -rows["vel_d"].astype(np.int64)]) * 1e-3
+        groups["vel_std"] = np.tile(rows["s_acc"][:, None] * 1e-3, (1, 3))
+    _refined(groups, rows["tow"], found)
+    columns = {name: np.where(ok if v.ndim == 1 else ok[:, None], v, np.nan) for name, v in groups.items()}
+    columns["fix"] = np.where(ok, FIXES[np.minimum(rows["fix"], 5)], 0).astype(np.float64)
+    if "sats" in (rows.dtype.names or ()):
+        columns["satellites"] = rows["sats"].astype(np.float64)
+    return columns
+
+
+def _place(rows: NDArray[np.void]) -> dict[str, Array]:
+    h_acc, v_acc = rows["h_acc"] * 1e-3, rows["v_acc"] * 1e-3
+    return {
+        "lat": rows["lat"] * 1e-7,
+        "lon": rows["lon"] * 1e-7,
+        "height": rows["height"] * 1e-3,
+        "pos_std": np.column_stack([h_acc, h_acc, v_acc]),
+    }
+
+
+def _refined(groups: dict[str, Array], tow: NDArray[np.uint32], found: Messages) -> None:
+    """Places with the digits of NAV-HPPOSLLH of the same time of week."""
+    _, fine = found.rows("NAV-HPPOSLLH")
+    fine = fine[(fine["flags"] & 1) == 0]
+    if not len(fine) or len(np.unique(tow)) < len(tow):
+        return
+    _, own, others = np.intersect1d(tow, fine["tow"], return_indices=True)
+    for name, unit, digits in (("lat", 1e-7, 1e-9), ("lon", 1e-7, 1e-9), ("height", 1e-3, 1e-4)):
+        groups[name][own] = fine[name][others] * unit + fine[f"{name}_hp"][others] * digits
+    h_acc, v_acc = fine["h_acc"][others] * 1e-4, fine["v_acc"][others] * 1e-4
+    groups["pos_std"][own] = np.column_stack([h_acc, h_acc, v_acc])
+
+
+def _older(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
+    """Columns of NAV-POSLLH and of NAV-VELNED of the same time of week."""
+    groups = _place(rows)
+    _, moving = found.rows("NAV-VELNED")
+    _refined(groups, rows["tow"], found)
+    own, others = np.intersect1d(rows["tow"], moving["tow"], return_indices=True)[1:]
+    if len(own):
+        groups["vel"], groups["vel_std"] = np.full((len(rows), 3), np.nan), np.full((len(rows), 3), np.nan)
+        groups["speed"], groups["course"] = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
+        vel = np.column_stack([moving["vel_e"], moving["vel_n"], -moving["vel_d"].astype(np.int64)])
+        groups["vel"][own] = vel[others] * 1e-2
+        groups["vel_std"][own] = moving["s_acc"][others][:, None] * 1e-2
+        groups["speed"][own] = moving["speed"][others] * 1e-2
+        groups["course"][own] = np.radians(moving["course"][others] * 1e-5)
+    return groups
+
+
+def _by_week(found: Messages, places: Places, tow: NDArray[np.uint32]) -> tuple[Times, Mask]:
+    """UTC of times of week in ms by the week that NAV-SOL or NAV-TIMEGPS told last, or else first."""
+    at, week = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    for name, field, bits in (("NAV-SOL", "flags", 0b1100), ("NAV-TIMEGPS", "valid", 0b11)):
+        told, rows = found.rows(name)
+        known = (rows[field] & bits) == bits
+        at, week = np.concatenate([at, told[known]]), np.concatenate([week, rows["week"][known].astype(np.int64)])
+    if not len(week) or not len(tow):
+        return np.zeros(len(tow), dtype=np.int64), np.ones(len(tow), dtype=bool)
+    order = np.argsort(at, kind="stable")
+    before = np.maximum(np.searchsorted(at[order], places, side="right") - 1, 0)
+    gps_ns = GPS_EPOCH_NS + week[order][before] * WEEK_NS + tow.astype(np.int64) * 1_000_000
+    return gps_to_utc(gps_ns), tow > WEEK_NS // 1_000_000
+
+
+# --- imu and wheel --------------------------------------------------------------------------------------------------
+
+
+def _clock(found: Messages, t_ns: Times, place: Places) -> tuple[int | None, list[Metric]]:
+    """UTC in ns at which the clock of ESF-MEAS was zero, None where nothing tells; and what is to be told of it."""
+    measured = found.raw(ESF_MEAS)
+    if not measured or not len(t_ns):
+        note = "no navigation message tells UTC: times of imu and wheel count from the start of the receiver"
+        return None, [warning(note)]
+    at = np.concatenate([places for places, _ in measured])
+    tag_ns = np.concatenate([_u4(payloads, 0)[:, 0] for _, payloads in measured]) * 1_000_000
+    before = np.searchsorted(place, at, side="right") - 1
+    known = before >= 0
+    if not known.any():
+        return None, [warning("no navigation message comes before those of the imu: its times count from its start")]
+    zero_ns = int(np.max(t_ns[before[known]] - tag_ns[known]))
+    note = "UTC at which the receiver's clock was zero; imu and wheel may be late by its computing time"
+    return zero_ns, [Metric("clock_offset", zero_ns * 1e-9, "s", sigma=0.1, note=note)]
+
+
+def _u4(payloads: NDArray[np.uint8], at: int) -> NDArray[np.int64]:
+    """Unsigned numbers of four bytes from a place of each payload on: (m, k)."""
+    count = (payloads.shape[1] - at) // 4
+    return np.ascontiguousarray(payloads[:, at : at + 4 * count]).view("<u4").astype(np.int64)
+
+
+def _data(found: Messages, params: UbxParams) -> tuple[Times, NDArray[np.int64], NDArray[np.int64]]:
+    """Time (n,) ns of the receiver, type (n,) and signed value (n,) of all ESF data."""
+    parts = []
+    for _, payloads in found.raw(ESF_MEAS):
+        if payloads.shape[1] < 12:
+            continue
+        count = _u4(payloads, 4)[:, 0] >> 11 & 0x1F
+        words = _u4(payloads, 8)
+        there = np.arange(words.shape[1]) < count[:, None]
+        tags = np.broadcast_to(_u4(payloads, 0)[:, :1] * 1_000_000, words.shape)
+        parts.append((tags[there], words[there]))
+    if params.raw_tick is not None:
+        tick_ns = params.raw_tick * 1e9
+        for _, payloads in found.raw(ESF_RAW):
+            words = _u4(payloads, 4)
+            words = words[:, : words.shape[1] // 2 * 2]
+            parts.append((np.round(words[:, 1::2] * tick_ns).astype(np.int64).ravel(), words[:, ::2].ravel()))
+    t_ns = np.concatenate([np.zeros(0, dtype=np.int64), *(times for times, _ in parts)])
+    word = np.concatenate([np.zeros(0, dtype=np.int64), *(words for _, words in parts)])
+    return t_ns, word >> 24 & 0x3F, ((word & 0xFFFFFF) ^ 0x800000) - 0x800000
+
+
+def _imu(path: Path, found: Messages, zero_ns: int | None, params: UbxParams) -> _Made:
+    t_ns, kind, value = _data(found, params)
+    learnt = []
+    if found.raw(ESF_RAW) and params.raw_tick is None:
+        learnt.append(warning("ESF-RAW is left out: set reader.ubx.raw_tick to the time of one tick of its clock"))
+    if not np.isin(kind, (*RATES, *FORCES)).any():
+        return None, learnt
+    if params.at_rest is None:
+        return None, [*learnt, warning(f"the imu is left out, for its sense is not known: {_AT_REST_HOW}")]
+    sense = 1.0 if params.at_rest == "up" else -1.0
+    parts = {}
+    for group, kinds, unit in (("accel", FORCES, sense * 2.0**-10), ("gyro", RATES, np.radians(2.0**-12))):
+        axes = {
+            axis: _series(t_ns[kind == number], value[kind == number])
+            for axis, number in zip("xyz", kinds, strict=True)
+        }
+        if all(len(times) for times, _ in axes.values()):
+            times, spread = interleave(axes)
+            parts[group] = (times, np.column_stack([spread[axis] for axis in "xyz"]) * unit)
+    if not parts:
+        return None, [*learnt, warning("the imu is left out: an axis of its accelerometer or gyroscope is missing")]
+    times, groups = interleave(parts)
+    made, told = stream(Source(path, "imu"), IMU, times + (zero_ns or 0), np.zeros(len(times), dtype=bool), groups)
+    note = f"imu: as the receiver has them; accelerations at rest point {params.at_rest}, given as specific force"
+    return made, [*learnt, Metric("axes", note=note), *told]
+
+
+def _wheel(path: Path, found: Messages, zero_ns: int | None) -> _Made:
+    t_ns, kind, value = _data(found, UbxParams())
+    times, speed = _series(t_ns[kind == SPEED], value[kind == SPEED])
+    if not len(times):
+        return None, []
+    return stream(
+        Source(path, "wheel"), WHEEL, times + (zero_ns or 0), np.zeros(len(times), dtype=bool), {"speed": speed * 1e-3}
+    )
+
+
+def _series(t_ns: Times, value: NDArray[np.int64]) -> tuple[Times, Array]:
+    """Values at times that rise: (m,) ns, (m,)."""
+    usable = in_order(t_ns, np.zeros(len(t_ns), dtype=bool))
+    usable &= ~repeating(t_ns, [usable])
+    return t_ns[usable], value[usable].astype(np.float64)
+
+
+# --- what is told ---------------------------------------------------------------------------------------------------
+
+
+def _about(found: Messages) -> str:
+    told = [f"{count} {_name(kind)}" for kind, count in found.counts.most_common()]
+    return ", ".join([*told[:6], *(["..."] if len(told) > 6 else [])]) or "no whole message"
+
+
+def _name(kind: Kind) -> str:
+    return _NAMES.get(kind, f"0x{kind[0]:02X}-0x{kind[1]:02X}")
+
+
+def _counted(path: Path, found: Messages) -> list[Metric]:
+    learnt = [Metric("messages", float(found.counts.total()), note=_about(found))]
+    if found.damaged:
+        learnt.append(Metric("damaged_messages", float(found.damaged), note="wrong checksum or cut off: left out"))
+        learnt.append(warning(f"left out of {path.name}: {found.damaged} message(s) with a wrong checksum or cut off"))
+    return learnt
+
+
+def _hint(learnt: list[Metric]) -> str:
+    said = [row.note for row in learnt if row.name == "warning" and "set reader" in row.note]
+    return said[0] if said else "switch NAV-PVT on in the receiver; raw observations need RTKLIB first"
+
+
+@hookimpl
+def declare_readers() -> Iterable[Reader]:
+    """The reader of UBX."""
+    place = GNSS.only("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites")
+    yield Reader(
+        name="ubx",
+        summary="u-blox logs (UBX): GNSS of NAV messages, imu and wheel speed of ESF messages.",
+        params=UbxParams,
+        run=read,
+        sniff=sniff,
+        writes={
+            "gnss": place.possible(),
+            "imu": IMU.only("accel", "gyro").possible(),
+            "wheel": WHEEL.only("speed").possible(),
+        },
+        references=("u-blox, F9 HPG 1.32 interface description", "u-blox M8 receiver description"),
+    )

@@ -1,0 +1,150 @@
+"""Small files in the formats of loggers, made from the drive of the test suite as their specifications say."""
+
+from __future__ import annotations
+
+import struct
+from functools import reduce
+
+import numpy as np
+import pyarrow as pa
+
+from recon.tables import matrix, time_ns, vector
+from recon.testing.drives import drive
+
+GNSS_ROWS, IMU_ROWS = 60, 400
+
+
+def gnss(rows: int = GNSS_ROWS) -> pa.Table:
+    """A stretch on which the vehicle moves."""
+    return drive()["gnss"].slice(75, rows)
+
+
+def imu(rows: int = IMU_ROWS) -> pa.Table:
+    """As long as 20 rows of gnss."""
+    return drive()["imu"].slice(1500, rows)
+
+
+def stamps(table: pa.Table, pattern: str, digits: int = 3) -> list[str]:
+    """Times by a pattern of strftime, with decimals of the second."""
+    import datetime
+
+    found = []
+    for t_ns in time_ns(table).tolist():
+        whole, rest = divmod(t_ns, 1_000_000_000)
+        moment = datetime.datetime.fromtimestamp(whole, datetime.UTC)
+        found.append(f"{moment:{pattern}}.{rest // 10 ** (9 - digits):0{digits}d}")
+    return found
+
+
+# --- NMEA -----------------------------------------------------------------------------------------------------------
+
+
+def sentence(text: str) -> str:
+    """With $ and its checksum."""
+    return f"${text}*{reduce(lambda total, byte: total ^ byte, text.encode(), 0):02X}"
+
+
+def minutes(value: float, digits: int, sides: str) -> str:
+    """Degrees as (d)ddmm.mmmmmm and the hemisphere."""
+    whole, part = divmod(round(abs(value) * 60, 6), 60)
+    return f"{int(whole):0{digits}d}{part:09.6f},{sides[int(value < 0)]}"
+
+
+def nmea(rows: int = GNSS_ROWS) -> bytes:
+    """GGA, GST, VTG and RMC of each time; a sentence of another type."""
+    table = gnss(rows)
+    clocks, dates = stamps(table, "%H%M%S", 3), stamps(table, "%d%m%y")
+    lines = []
+    for row in range(rows):
+        lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+        place = f"{minutes(lat, 2, 'NS')},{minutes(lon, 3, 'EW')}"
+        knots, degrees = f"{speed / 0.514444444:.4f}", f"{np.degrees(course) % 360:.3f}"
+        clock = clocks[row]
+        lines += [
+            sentence(f"GNGGA,{clock},{place},4,12,0.8,{height:.3f},M,45.1,M,1.0,0001"),
+            sentence(f"GNGST,{clock},1.2,0.5,0.4,10.0,0.021,0.012,0.034"),
+            sentence(f"GNVTG,{degrees},T,,M,{knots},N,{speed * 3.6:.4f},K,A"),
+            sentence(f"GNRMC,{clock},A,{place},{knots},{degrees},{dates[row][:6]},,,A"),
+            sentence("GPGSV,1,1,01,21,74,276,34"),
+        ]
+    return ("\r\n".join(lines) + "\r\n").encode()
+
+
+# --- UBX ------------------------------------------------------------------------------------------------------------
+
+
+def message(group: int, number: int, payload: bytes) -> bytes:
+    """A message of UBX with its checksum (the loop of the interface description, 3.4)."""
+    body = bytes([group, number]) + struct.pack("<H", len(payload)) + payload
+    a = b = 0
+    for byte in body:
+        a = (a + byte) & 0xFF
+        b = (b + a) & 0xFF
+    return b"\xb5\x62" + body + bytes([a, b])
+
+
+def nav_pvt(table: pa.Table, row: int) -> bytes:
+    """NAV-PVT of a row of gnss: 92 bytes."""
+    t_ns = int(time_ns(table)[row])
+    moment = np.datetime64(t_ns, "ns").astype("datetime64[s]").item()
+    lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+    vel_n, vel_e = speed * np.cos(course), speed * np.sin(course)
+    payload = struct.pack(
+        "<IHBBBBBBIiBBBBiiiiIIiiiiiIIHHIihH",
+        0, moment.year, moment.month, moment.day, moment.hour, moment.minute, moment.second, 7, 20,
+        t_ns % 1_000_000_000, 3, 1, 0xE0, 12, round(lon * 1e7), round(lat * 1e7), round(height * 1e3),
+        round(height * 1e3) - 45_100, 12, 34, round(vel_n * 1e3), round(vel_e * 1e3), 0, round(speed * 1e3),
+        round(np.degrees(course) * 1e5), 50, 100_000, 150, 0, 0, 0, 0, 0,
+    )  # fmt: skip
+    return message(0x01, 0x07, payload)
+
+
+def esf_meas(tag_ms: int, data: dict[int, int]) -> bytes:
+    """ESF-MEAS with data by type."""
+    words = b"".join(struct.pack("<I", kind << 24 | value & 0xFFFFFF) for kind, value in data.items())
+    return message(0x10, 0x02, struct.pack("<IHH", tag_ms, len(data) << 11, 0) + words)
+
+
+def ubx(rows: int = GNSS_ROWS) -> bytes:
+    """NAV-PVT, between them ESF-MEAS with accelerations, rates and speed, and sentences of NMEA."""
+    table, inertial = gnss(rows), imu(20 * rows)
+    accel, gyro, speed = matrix(inertial, "accel"), matrix(inertial, "gyro"), vector(table, "speed")
+    each = inertial.num_rows // rows
+    start_ns = int(time_ns(table)[0])
+    step_ms = round(float(np.diff(time_ns(table))[0]) * 1e-6)
+    parts = []
+    for row in range(rows):
+        parts.append(nav_pvt(table, row))
+        parts.append((sentence("GNTXT,01,01,02,hello") + "\r\n").encode())
+        tag_ms = 5_000 + (int(time_ns(table)[row]) - start_ns) // 1_000_000
+        for part in range(0, each, 4):
+            at = row * each + part
+            force = {16 + axis: round(accel[at, axis] * 2**10) for axis in range(3)}
+            rate = {kind: round(np.degrees(gyro[at, axis]) * 2**12) for axis, kind in enumerate((14, 13, 5))}
+            now_ms = tag_ms + step_ms * part // each
+            parts.append(esf_meas(now_ms, {**force, **rate}))
+        parts.append(esf_meas(tag_ms, {11: round(speed[row] * 1e3)}))
+    return b"".join(parts)
+
+
+# --- VBOX -----------------------------------------------------------------------------------------------------------
+
+
+def vbo(rows: int = GNSS_ROWS) -> bytes:
+    """With an IMU in the axes forward, left, up; longitude positive to the west."""
+    table, inertial = gnss(rows), imu(rows)
+    day, clock = stamps(table, "%d/%m/%Y")[0][:10], stamps(table, "%H%M%S", 3)
+    accel, gyro = matrix(inertial, "accel") / 9.80665, np.degrees(matrix(inertial, "gyro"))
+    lines = [
+        f"File created on {day} @ {clock[0][:2]}:{clock[0][2:4]}", "", "[header]", "satellites", "time", "latitude",
+        "longitude", "velocity kmh", "heading", "height", "", "[comments]", "Log Rate (Hz) : 10.00", "",
+        "[column names]",
+        "sats time lat long velocity heading height Brake X_Accel Y_Accel Z_Accel RollRate PitchRate YawRate Brake",
+        "", "[data]",
+    ]  # fmt: skip
+    for row in range(rows):
+        lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+        place = f"{lat * 60:+014.8f} {-lon * 60:+014.8f} {speed * 3.6:08.4f} {np.degrees(course):07.3f} {height:+09.3f}"
+        moving = " ".join(f"{value:+.6E}" for value in (*accel[row], *gyro[row]))
+        lines.append(f"140 {clock[row]} {place} +0.0000E+00 {moving} +0.0000E+00 ")
+    return ("\r\n".join(lines) + "\r\n").encode("latin-1")

@@ -1,0 +1,158 @@
+"""reader.nmea: sentences become rows of gnss in UTC; those that are damaged are left out and counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz import log_files
+
+import recon
+import recon_readers.nmea
+from recon import Streams
+from recon.errors import ReadFailed
+from recon.rows import warnings_of
+from recon.tables import matrix, meta, time_ns, vector
+from recon_readers.nmea import NmeaParams
+
+
+def read(folder: Path, *lines: str | bytes, rollovers: int = 0) -> Streams:
+    path = folder / "log.nmea"
+    path.write_bytes(b"\r\n".join(line if isinstance(line, bytes) else line.encode() for line in lines))
+    return recon_readers.nmea.read(path, NmeaParams(rollovers=rollovers))
+
+
+def told(streams: Streams, name: str) -> float:
+    (row,) = [row for row in streams["metrics"].to_pylist() if row["name"] == name]
+    return float(row["value"])
+
+
+def rmc(clock: str, date: str = "081025", place: str = "4430.0,N,01120.0,E", status: str = "A") -> str:
+    return log_files.sentence(f"GPRMC,{clock},{status},{place},10.0,90.0,{date},,,A")
+
+
+def gga(clock: str, quality: int = 1) -> str:
+    return log_files.sentence(f"GPGGA,{clock},4430.0,N,01120.0,E,{quality},08,1.0,45.5,M,44.0,M,,")
+
+
+def test_a_drive_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "drive.nmea"
+    path.write_bytes(log_files.nmea())
+    gnss, truth = recon.read(path)["gnss"], log_files.gnss()
+    np.testing.assert_array_equal(time_ns(gnss), time_ns(truth))
+    np.testing.assert_allclose(
+        vector(gnss, "lat"), vector(truth, "lat"), rtol=0, atol=0.51e-6 / 60
+    )  # 6 decimals of minutes
+    np.testing.assert_allclose(vector(gnss, "lon"), vector(truth, "lon"), rtol=0, atol=0.51e-6 / 60)
+    np.testing.assert_allclose(vector(gnss, "height"), vector(truth, "height"), rtol=0, atol=0.51e-3)
+    np.testing.assert_allclose(vector(gnss, "speed"), vector(truth, "speed"), rtol=1e-8, atol=0.51e-4 * 0.5144445)
+    np.testing.assert_allclose(vector(gnss, "course"), vector(truth, "course"), rtol=0, atol=np.radians(0.51e-3))
+    assert matrix(gnss, "pos_std")[0].tolist() == [0.012, 0.021, 0.034]  # GST: latitude, longitude, height
+    facts = meta(gnss)
+    assert (facts["time_scale"], facts["clock"]) == ("UTC", "absolute")
+    assert (facts["height_datum"], facts["heading_kind"]) == ("mean_sea_level", "course_true")
+
+
+def test_wrong_and_missing_checksums_are_left_out_and_counted(tmp_path: Path) -> None:
+    broken = rmc("100001.00").replace("4430", "4431")
+    bare = rmc("100002.00").partition("*")[0]
+    streams = read(tmp_path, rmc("100000.00"), broken, bare, rmc("100003.00"))
+    assert streams["gnss"].num_rows == 2
+    assert told(streams, "bad_checksums") == 2
+    assert any("2 sentences with a wrong checksum" in text for text in warnings_of(streams["metrics"]))
+
+
+def test_time_goes_on_over_midnight_before_the_date_changes(tmp_path: Path) -> None:
+    streams = read(tmp_path, rmc("235959.50"), gga("235959.75"), gga("000000.00"), rmc("000000.25", "091025"))
+    steps = np.diff(time_ns(streams["gnss"]))
+    assert steps.tolist() == [250_000_000] * 3
+
+
+def test_sentences_before_the_first_date_get_it(tmp_path: Path) -> None:
+    streams = read(tmp_path, gga("235959.00"), gga("000000.00"), rmc("000001.00", "091025"))
+    first = np.datetime64("2025-10-08T23:59:59", "ns").astype(np.int64)
+    assert time_ns(streams["gnss"]).tolist() == [first, first + 10**9, first + 2 * 10**9]
+
+
+def test_a_rolled_over_week_is_suspected_and_put_right(tmp_path: Path) -> None:
+    early = rmc("100000.00", "220206")  # 2025-10-08 less 1024 weeks
+    assert time_ns(read(tmp_path, early, rollovers=1)["gnss"])[0] == np.datetime64("2025-10-08T10:00", "ns").astype(int)
+    assert warnings_of(read(tmp_path, rmc("100000.00", "220299"))["metrics"]) == [
+        "the receiver says 1999-02-22: if its week number has rolled over, set reader.nmea.rollovers to 1"
+    ]
+
+
+def test_without_a_date_times_count_from_midnight_and_it_is_said(tmp_path: Path) -> None:
+    streams = read(tmp_path, gga("000001.5"))
+    assert time_ns(streams["gnss"]).tolist() == [1_500_000_000]
+    assert meta(streams["gnss"])["clock"] == "relative"
+    assert "no sentence tells the date" in warnings_of(streams["metrics"])[0]
+
+
+def test_zda_tells_the_date_too(tmp_path: Path) -> None:
+    zda = log_files.sentence("GPZDA,100000.00,08,10,2025,00,00")
+    assert time_ns(read(tmp_path, gga("100000.00"), zda)["gnss"])[0] == np.datetime64("2025-10-08T10:00", "ns").astype(
+        int
+    )
+
+
+def test_what_the_receiver_calls_invalid_is_none(tmp_path: Path) -> None:
+    streams = read(tmp_path, rmc("100000.00", status="V"), rmc("100001.00"), gga("100002.00", quality=0))
+    assert streams["gnss"].num_rows == 1
+    assert told(streams, "rows_without_value") == 2
+    with pytest.raises(ReadFailed, match="none of its sentences holds a position: 1 RMC"):
+        read(tmp_path, rmc("100000.00", status="V"))
+
+
+def test_south_and_west_are_negative(tmp_path: Path) -> None:
+    gnss = read(tmp_path, rmc("100000.00", place="3330.6,S,07040.2,W"))["gnss"]
+    assert vector(gnss, "lat")[0] == pytest.approx(-33.51, abs=1e-12)
+    assert vector(gnss, "lon")[0] == pytest.approx(-70.67, abs=1e-12)
+
+
+def test_stamps_of_a_logger_commas_behind_and_binary_messages_between_do_no_harm(tmp_path: Path) -> None:
+    lines = [b"NMEA," + rmc("100000.00").encode() + b",1699400577566", rmc("100001.00").encode() + b",,,,"]
+    streams = read(tmp_path, *lines, b"\xb5\x62\x01$\x00\xff" + rmc("100002.00").encode())
+    assert streams["gnss"].num_rows == 3
+
+
+def test_blocks_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "drive.nmea"
+    path.write_bytes(log_files.nmea())
+    whole = recon_readers.nmea.read(path, NmeaParams())
+    for block in (997, 300):
+        monkeypatch.setattr("recon_readers._nmea_sentences.BLOCK", block)
+        parts = recon_readers.nmea.read(path, NmeaParams())
+        assert parts["gnss"].equals(whole["gnss"])
+        assert told(parts, "sentences_used") == told(whole, "sentences_used")
+
+
+@pytest.mark.parametrize(
+    ("file", "rows", "place"),
+    [
+        ("GPS-raw-data.txt", 419, (37.23, -80.42)),
+        ("pixel6.nmea", 48, (37.43, -122.17)),
+        ("data.log", 1, (-19.48, 24.18)),
+    ],
+)
+def test_real_logs_agree_with_pynmeagps(logs: Path, file: str, rows: int, place: tuple[float, float]) -> None:
+    pynmeagps = pytest.importorskip("pynmeagps")
+    path = logs / "formats" / "nmea" / file
+    gnss = recon.read(path)["gnss"]
+    assert gnss.num_rows == rows
+    assert (vector(gnss, "lat")[0], vector(gnss, "lon")[0]) == pytest.approx(place, abs=0.01)
+    texts = [part for part in path.read_bytes().replace(b"NMEA,", b"").split() if b"GGA" in part and b"*" in part]
+    parsed = [pynmeagps.NMEAReader.parse(text[: text.index(b"*") + 3] + b"\r\n") for text in texts]
+    np.testing.assert_allclose(
+        vector(gnss, "lat"), [part.lat for part in parsed], rtol=0, atol=1e-9
+    )  # it rounds to 1e-10
+    np.testing.assert_allclose(vector(gnss, "lon"), [part.lon for part in parsed], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(vector(gnss, "height"), [part.alt for part in parsed], rtol=0, atol=1e-9)
+
+
+def test_a_real_log_without_a_fix_says_so(logs: Path) -> None:
+    path = logs / "formats" / "ubx" / "2023-4-17_82912_serial-COM3.ubx"
+    with pytest.raises(ReadFailed, match="none of its sentences holds a position: 90 RMC, 81 GGA") as caught:
+        recon.read(path)
+    assert "had the receiver a fix" in caught.value.hint
