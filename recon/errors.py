@@ -5,7 +5,7 @@
       PluginError                   3   a stage is missing, broken, claimed twice or badly declared
         PluginNotFound, PluginBroken, PluginConflict, PluginInvalid
       DataError                     4   a log cannot be read, or does not hold what a step needs
-        ReadFailed, UnknownFormat, NotEnoughData
+        ReadFailed, UnknownFormat, NothingUsable, NotEnoughData
       StageError                    5   anything else that came out of a stage
         ContractError                   what it returned is not what it declared
       Difference                    7   a sealed run is not as it was, or does not come out again
@@ -105,6 +105,10 @@ class ReadFailed(DataError):
 
 class UnknownFormat(ReadFailed):
     """An input file that no reader knows."""
+
+
+class NothingUsable(ReadFailed):
+    """An input file of a known format that holds no stream of those that recon uses."""
 
 
 class NotEnoughData(DataError):

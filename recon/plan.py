@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from recon.parameters import Params
 from recon.pipeline import Pipeline, Step
 from recon.registry import Source
-from recon.schema import Schema
-from recon.stages import Stage
+from recon.schema import STREAMS, Schema
+from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Stage, Wanted
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,10 @@ class PlannedStep:
         }
 
 
+ASKED_LATER: Final = ("reference", "frames")
+"""Streams that no step need read: `recon evaluate` and whoever refers to a camera frame ask a finished run for them."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """What a run will do, and the schema of every stream at its end."""
@@ -58,6 +62,20 @@ class Plan:
     pipeline: Pipeline
     steps: tuple[PlannedStep, ...]
     streams: Mapping[str, Schema]
+
+    def wanted(self) -> Wanted:
+        """What the steps behind the source read; everything where none does, or an exporter takes every stream."""
+        later = [step for step in self.steps if not isinstance(step.stage, Reader | Simulator)]
+        columns: dict[str, frozenset[str]] = {}
+        for step in later:
+            if isinstance(step.stage, Exporter) and step.stage.every_stream:
+                return EVERYTHING
+            for port, need in step.stage.reads.items():
+                stream = step.step.inputs.get(port, port)
+                columns[stream] = columns.get(stream, frozenset()) | {column.name for column in need.columns}
+        if not columns:
+            return EVERYTHING
+        return Wanted({**columns, **{name: frozenset(STREAMS[name].names) for name in ASKED_LATER}})
 
     def resolved(self) -> list[dict[str, Any]]:
         """The steps as JSON data."""

@@ -25,7 +25,7 @@ from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import metrics, warnings_of
 from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
-from recon.stages import Exporter, Reader, Simulator
+from recon.stages import Exporter, Reader, Simulator, Wanted
 from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
 
@@ -73,7 +73,7 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
         first, *steps = steps
         progress(0, len(steps) + 1, first.id)
         started = time.perf_counter()
-        recording, returned = _from_source(first, source, registry)
+        recording, returned = _from_source(first, source, registry, plan.wanted())
         reports.append(_report(first, returned, started))
     plan, problems = settled(plan, registry, recording.schemas())
     _refuse(problems, recording)
@@ -109,12 +109,14 @@ def _as_given(recording: Recording) -> Recording:
     return Recording(checked, recording.meta)
 
 
-def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) -> tuple[Recording, Streams]:
+def _from_source(
+    step: PlannedStep, source: Sequence[Path], registry: Registry, wanted: Wanted
+) -> tuple[Recording, Streams]:
     if isinstance(step.stage, Simulator):
         nothing = Recording({})
         parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
     else:
-        parts = [_read(step, path, registry) for path in source]
+        parts = [_read(step, path, registry, wanted) for path in source]
     recording, learnt = combine(parts)
     if learnt:
         rows = _marked(metrics(learnt), "metrics", step.id)
@@ -124,12 +126,15 @@ def _from_source(step: PlannedStep, source: Sequence[Path], registry: Registry) 
     return recording, dict(recording)
 
 
-def _read(step: PlannedStep, path: Path, registry: Registry) -> Recording:
+def _read(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted) -> Recording:
     if not path.exists():
         raise ReadFailed(path, "there is no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise ReadFailed(path, "this is a device or a pipe", hint="save what it gives to a file first")
-    extra = {"registry": registry} if isinstance(step.stage, Reader) and step.stage.delegates else {}
+    extra: dict[str, Any] = {}
+    if isinstance(step.stage, Reader):
+        extra |= {"registry": registry} if step.stage.delegates else {}
+        extra |= {"wanted": wanted} if step.stage.selective else {}
     try:
         returned = _guarded(step, lambda: step.stage.run(path=path, params=step.params, **extra))
     except OSError as error:

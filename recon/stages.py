@@ -18,12 +18,12 @@ prints nor logs. Raise DataError or NotEnoughData for data that do not suffice.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 from recon.parameters import NoParams, Params, setting
-from recon.schema import APPENDED, METRICS, Change, Need, Schema
+from recon.schema import APPENDED, METRICS, Change, Need, Schema, unnumbered
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,6 +39,29 @@ class Sniff:
 
     confidence: float
     reason: str
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the steps behind a reader read of its streams.
+
+    columns : names by stream; None where everything is wanted
+    """
+
+    columns: Mapping[str, frozenset[str]] | None = None
+
+    def of(self, stream: str, columns: Iterable[str]) -> tuple[str, ...]:
+        """Those of a stream's columns that are wanted; none where the stream is not. A further sensor's stream, such
+        as imu_2, is wanted together with the first.
+        """
+        names = tuple(columns)
+        if self.columns is None:
+            return names
+        known = [wanted for name, wanted in self.columns.items() if unnumbered(name) == unnumbered(stream)]
+        return tuple(name for name in names if any(name in wanted for wanted in known))
+
+
+EVERYTHING: Final = Wanted()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +166,8 @@ class Reader(Stage):
         rows of a stream at these times, 0 where there is none; None for files without lines
     self_describing : its tables carry units, frames and quantities themselves, as files of our own do; streams and
         columns beyond `writes` are taken as they are
+    selective : it can leave streams and columns in the file that no later step reads; its function also takes
+        `wanted`, a Wanted
     params : a subclass of Delegation for a reader that hands over to others; its function also takes `registry`
     """
 
@@ -153,6 +178,7 @@ class Reader(Stage):
     propose: Callable[..., str | None] | None = None
     lines: Callable[..., NDArray[np.int64]] | None = None
     self_describing: bool = False
+    selective: bool = False
 
     @property
     def delegates(self) -> bool:
@@ -160,7 +186,7 @@ class Reader(Stage):
         return issubclass(self.params, Delegation)
 
     def _also_given(self) -> set[str]:
-        return {"registry"} if self.delegates else set()
+        return set(["registry"] * self.delegates + ["wanted"] * self.selective)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,11 +26,11 @@ from recon import (
     hookimpl,
     metrics,
 )
-from recon.errors import UnknownFormat
+from recon.errors import NothingUsable, UnknownFormat
 from recon.parameters import bind
 from recon.problems import Where
 from recon.schema import STREAMS, unnumbered
-from recon.stages import Delegation
+from recon.stages import Delegation, Wanted
 from recon.tables import append, conform
 from recon.yaml_nodes import Node
 
@@ -46,11 +46,12 @@ class Opinion:
     sniff: Sniff
 
 
-def auto(*, path: Path, params: Delegation, registry: Registry) -> Streams:
+def auto(*, path: Path, params: Delegation, registry: Registry, wanted: Wanted) -> Streams:
     """Read a file or folder by the reader that knows it.
 
     The metrics tell which reader was chosen, why, with which parameters, and what was not used. Raises ReadFailed
-    where two readers are equally sure, UnknownFormat where none is sure and parameters do not name one.
+    where two readers are equally sure, UnknownFormat where none is sure and parameters do not name one, NothingUsable
+    where the file holds nothing of use: then it tells what the other readers say of it.
     """
     opinions, broken = _ask(path, registry)
     chosen = _choose(path, opinions, broken, params.readers)
@@ -58,7 +59,13 @@ def auto(*, path: Path, params: Delegation, registry: Registry) -> Streams:
     bound, problems = bind(chosen.reader.params, Node.of(given, Where(chosen.reader.key)), chosen.reader.key)
     if bound is None:
         raise ConfigError(problems)
-    streams = _stamped(chosen.reader, chosen.reader.run(path=path, params=bound), bound)
+    extra = {"wanted": wanted} if chosen.reader.selective else {}
+    try:
+        returned = chosen.reader.run(path=path, params=bound, **extra)
+    except NothingUsable as error:
+        others = [one for one in opinions if one is not chosen]
+        raise NothingUsable(error.path, error.what, hint="\n  ".join([error.hint, *_said(others), *broken])) from error
+    streams = _stamped(chosen.reader, returned, bound)
     unused = sorted(name for name in params.readers if name != chosen.reader.key)
     learnt = [
         Metric("reader", chosen.sniff.confidence, method=chosen.reader.key, note=chosen.sniff.reason),
@@ -137,12 +144,17 @@ def _unknown(path: Path, opinions: list[Opinion], broken: list[str]) -> ReadFail
     if path.is_dir():
         what = "this is a folder" if any(path.iterdir()) else "this folder is empty"
         return ReadFailed(path, what, hint="name the log files in it, or the folder of a result of recon")
-    said: dict[str, list[str]] = {}
-    for opinion in [one for one in opinions if one.sniff.confidence > 0] or opinions:
-        said.setdefault(opinion.sniff.reason, []).append(opinion.reader.key)
-    lines = [f"{', '.join(readers)}: {reason}" for reason, readers in said.items()]
+    lines = _said([one for one in opinions if one.sniff.confidence > 0] or opinions)
     advice = "check that it is the right file; 'recon plugins' lists the readers that are installed"
     return UnknownFormat(path, "no reader knows this file", hint="\n  ".join([*lines, *broken, advice]))
+
+
+def _said(opinions: Iterable[Opinion]) -> list[str]:
+    """What readers say of a file, equal reasons once."""
+    said: dict[str, list[str]] = {}
+    for opinion in opinions:
+        said.setdefault(opinion.sniff.reason, []).append(opinion.reader.key)
+    return [f"{', '.join(readers)}: {reason}" for reason, readers in said.items()]
 
 
 @hookimpl
@@ -154,5 +166,6 @@ def declare_readers() -> Iterable[Reader]:
         params=Delegation,
         run=auto,
         self_describing=True,
+        selective=True,
         writes={name: schema.possible() for name, schema in STREAMS.items()},
     )

@@ -112,7 +112,7 @@ def salvage_file(path: Path) -> tuple[Recording, str]:
     Raises ReadFailed where no stream has anything whole, and for a file of another program.
     """
     try:
-        with _Clipped(path.open("rb", buffering=0)) as file:
+        with Clipped(path.open("rb", buffering=0)) as file:
             head = file.read(_PROFILE_AT + 4 + len(PROFILE))
             if head.startswith(_HEADER_START) and not is_own(head):
                 raise ReadFailed(path, f"the MCAP file was not written by recon; {_contents(file)}")
@@ -122,7 +122,7 @@ def salvage_file(path: Path) -> tuple[Recording, str]:
         raise ReadFailed(path, "there is no such file, or it may not be read") from error
 
 
-class _Clipped(io.BufferedReader):
+class Clipped(io.BufferedReader):
     """A file whose reads ask for no more than is left of it: mcap asks for as much as damaged bytes tell."""
 
     def __init__(self, raw: io.FileIO) -> None:
@@ -130,6 +130,7 @@ class _Clipped(io.BufferedReader):
         self._size = os.fstat(raw.fileno()).st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
+        """As much as is asked for, or left."""
         left = max(self._size - self.tell(), 0)
         return super().read(left if size is None or size < 0 else min(size, left))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ from recon.stages import Reader
 from recon.storage import mcap, write_recording
 from recon.validation import validate_pipeline
 from recon.yaml_nodes import load_file
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import ros_logs
 
 Sample: TypeAlias = Mapping[str, bytes]
 """Files by their path in a folder; a single one is used as it is, several as the folder."""
@@ -283,14 +287,33 @@ def mcap_samples() -> list[Sample]:
     return [{"drive.mcap": file}, run, {"drive.mcap": _unguarded(file)}, {"drive.mcap": _unguarded(file)}]
 
 
-def _unguarded(file: bytes) -> bytes:
+def rosbag_samples() -> list[Sample]:
+    """A bag of ROS 1, folders of ROS 2 in SQLite and in MCAP, a single SQLite file."""
+    with tempfile.TemporaryDirectory() as scratch:
+        one = ros_logs.write(Path(scratch, "one.bag"), "bag", 0.3).read_bytes()
+        two, three = (_files(ros_logs.write(Path(scratch, form), form, 0.3)) for form in ("sqlite3", "mcap"))
+    alone = {name: content for name, content in two.items() if name.endswith(".db3")}
+    return [{"drive.bag": one}, two, three, alone, {"drive.bag": one}]
+
+
+def foreign_mcap_samples() -> list[Sample]:
+    """Logs of ROS 2, whole and without checksums, and of Foxglove's messages."""
+    with tempfile.TemporaryDirectory() as scratch:
+        (ros,) = _files(ros_logs.write(Path(scratch, "ros"), "mcap", 0.3), ".mcap").values()
+        few = Recording({"gnss": build(GNSS, time=START_NS + np.arange(9), lat=np.full(9, 44.5), lon=np.full(9, 11.3))})
+        recon.run(Pipeline.of("keep"), few, Path(scratch, "run"), exports=["mcap"])
+        (viewers,) = _files(Path(scratch, "run", "exports"), ".mcap").values()
+    return [{"drive.mcap": ros}, {"drive.mcap": _unguarded(ros, "ros2")}, {"drive.mcap": _unguarded(viewers, "")}]
+
+
+def _unguarded(file: bytes, profile: str = mcap.PROFILE) -> bytes:
     """The same records without checksums and compression, so that damage reaches what lies behind them."""
     from mcap.reader import make_reader
     from mcap.writer import CompressionType, Writer
 
     sink = BytesIO()
     writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False, use_chunking=False)
-    writer.start(profile=mcap.PROFILE)
+    writer.start(profile=profile)
     reader = make_reader(BytesIO(file))
     for record in reader.iter_metadata():
         writer.add_metadata(record.name, record.metadata)
@@ -305,8 +328,9 @@ def _unguarded(file: bytes) -> bytes:
     return sink.getvalue()
 
 
-def _files(folder: Path) -> Sample:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+def _files(folder: Path, ending: str = "") -> Sample:
+    found = [path for path in sorted(folder.rglob(f"*{ending}")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
 
 
 # --- formats of loggers ----------------------------------------------------------------------------------------------
@@ -336,4 +360,6 @@ TARGETS: Final[dict[str, Target]] = {
     "nmea": Target(nmea_samples, read_by("reader.nmea")),
     "ubx": Target(ubx_samples, read_by("reader.ubx", Override.from_data("reader.ubx.at_rest", "up"))),
     "vbox": Target(vbox_samples, read_by("reader.vbox", Override.from_data("reader.vbox.axes", "FLU"))),
+    "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
+    "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
 }

@@ -20,6 +20,7 @@ def fuzz(target: str, cases: int = CASES, script: Path = HERE / "run.py") -> sub
 TARGETS = [
     *("physycom", "csv", "yaml", "parquet", "mcap"),
     *("nmea", "ubx", "vbox"),
+    *("foreign_mcap", "rosbag"),
 ]
 
 

@@ -12,7 +12,7 @@ import recon_readers.mcap
 import recon_readers.parquet
 import recon_readers.physycom
 from recon import Reader, ReadFailed, Registry, Sniff
-from recon.stages import Delegation
+from recon.stages import EVERYTHING, Delegation
 from recon.tables import Streams
 
 HEADER = "# timestamp ax ay az\n"
@@ -25,7 +25,9 @@ def shipped() -> list[Reader]:
 
 
 def read(path: Path, *more: Reader) -> Streams:
-    return recon_readers.auto.auto(path=path, params=Delegation(), registry=Registry.of(*shipped(), *more))
+    return recon_readers.auto.auto(
+        path=path, params=Delegation(), registry=Registry.of(*shipped(), *more), wanted=EVERYTHING
+    )
 
 
 def refusal(folder: Path, content: str | bytes, *more: Reader) -> ReadFailed:

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import read_back
+import ros_logs
 from array_logs import navego_gnss, navego_imu, navego_ref, save_mat, segment
 from fuzz import log_files
 
@@ -34,6 +35,7 @@ FOLDER = Path(tempfile.gettempdir()) / f"recon-contract-{os.getpid()}"
 FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
 TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
+BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for form in ("bag", "sqlite3", "mcap")}
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 T0_S = 518_716_448.0
@@ -59,6 +61,8 @@ def files() -> Iterator[None]:
     TABLE.write_text(table(), encoding="utf-8")
     RECORDS.write_text(json.dumps(records(), indent=1), encoding="utf-8")
     segment(SEGMENT)
+    for form, path in BAGS.items():
+        ros_logs.write(path, form)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
         save_mat(NAVEGO / f"{name}.mat", **{name: fields})
     for path, content in ((NMEA, log_files.nmea()), (UBX, log_files.ubx()), (VBO, log_files.vbo())):
@@ -131,8 +135,20 @@ def test_reader_parquet(law: BoundLaw) -> None:
     law()
 
 
-@contract("reader.mcap", cases=[Case("folder", path=MCAP), Case("file", path=MCAP / "streams.mcap")])
+@contract(
+    "reader.mcap",
+    cases=[
+        Case("folder", path=MCAP),
+        Case("file", path=MCAP / "streams.mcap"),
+        Case("ros2", path=BAGS["mcap"] / "bag_mcap.mcap"),
+    ],
+)
 def test_reader_mcap(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.rosbag", cases=[Case(form, path=path) for form, path in BAGS.items()])
+def test_reader_rosbag(law: BoundLaw) -> None:
     law()
 
 

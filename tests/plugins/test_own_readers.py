@@ -14,7 +14,6 @@ import recon_readers.mcap
 import recon_readers.parquet
 from recon import Registry
 from recon.errors import ReadFailed
-from recon.parameters import NoParams
 from recon.recording import Recording
 from recon.rows import Event, events
 from recon.schema import IMU, Change, Column, by_step
@@ -36,7 +35,7 @@ def stored_imu(tmp_path: Path, store: str) -> Path:
 
 def read(path: Path, store: str) -> dict[str, pa.Table]:
     (reader,) = READERS[store].declare_readers()
-    return dict(reader.run(path=path, params=NoParams()))
+    return dict(reader.run(path=path, params=reader.params()))
 
 
 def confidences(path: Path) -> dict[str, float]:
@@ -83,14 +82,14 @@ def test_an_empty_folder_is_not_claimed(tmp_path: Path) -> None:
     assert confidences(tmp_path) == {"parquet": 0.0, "mcap": 0.0}
 
 
-def test_an_mcap_file_of_another_program_is_not_claimed_for_sure(tmp_path: Path) -> None:
+def test_an_mcap_file_of_another_program_is_claimed_less_surely(tmp_path: Path) -> None:
     from mcap.writer import Writer
 
     with (tmp_path / "other.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2")
         writer.finish()
-    assert confidences(tmp_path / "other.mcap") == {"parquet": 0.0, "mcap": 0.1}
+    assert confidences(tmp_path / "other.mcap") == {"parquet": 0.0, "mcap": 0.9}
 
 
 @pytest.mark.parametrize("store", STORES)
