@@ -3,13 +3,18 @@
     y(t) = (1 - s) y_i + s y_(i+1),    s = (t - t_i) / (t_(i+1) - t_i)
 
 Loggers that write one sensor per row leave the others empty: here each group is interpolated from its own samples.
-The time base is that of the imu, or a regular grid from its first row on. Angles take the short way around the
-circle, counts and codes hold their last value. Nothing is invented: no value outside the span of a group's samples,
-none inside a gap longer than `max_gap`.
+The time base is that of the imu, a regular grid from its first row on, or the times of another stream: `in: {clock:
+gnss}` brings the imu onto those of gnss, `in: {clock: frames}` onto those of the images. What goes with the imu,
+attitude and trajectory, comes along; gnss and mag where asked for. Angles take the short way around the circle,
+attitudes turn at a constant rate, counts and codes hold their last value. Nothing is invented: no value outside the
+span of a group's samples, none inside a gap longer than `max_gap`.
 
-A grid slower than the samples of a column would fold vibration into the band that it keeps. There the value is the
-mean of y over one period of the grid about t: the integral, which is what is wanted of an imu, is conserved, and what
-is folded is damped by sinc(f / rate), by 13 dB at least beyond the new rate. The columns of gnss are never averaged.
+A time base slower than the samples of a column would fold vibration into the band that it keeps. There the value is the
+mean of y over one period of it about t: the integral, which is what is wanted of an imu, is conserved, and what is
+folded is damped by sinc(f / rate), by 13 dB at least beyond the new rate. Averaged are imu and mag alone.
+
+References
+    Shoemake (1985), "Animating rotation with quaternion curves", SIGGRAPH 85, 245-254: attitudes.
 """
 
 from __future__ import annotations
@@ -21,9 +26,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon import (
+    ATTITUDE,
     GNSS,
     IMU,
+    MAG,
     SAME,
+    TRAJECTORY,
     Array,
     Filter,
     Metric,
@@ -42,6 +50,7 @@ from recon import (
     warning,
 )
 from recon.errors import DataError
+from recon.numerics.rotation import slerp
 from recon.numerics.signals import bracket, interpolate, interpolate_angle, interval_mean, median_rate
 from recon.schema import spread
 
@@ -60,42 +69,78 @@ class ResampleParams(Params):
     """Parameters of filter.resample."""
 
     rate: float | None = quantity(
-        None, "Hz", ge=0.01, le=10_000, doc="Rate of a regular grid; none keeps the times of the imu."
+        None, "Hz", ge=0.01, le=10_000, doc="Rate of a regular grid; none keeps the times of the imu, or of the clock."
     )
     gnss: bool = setting(False, doc="Bring gnss onto the same times as well.")
+    mag: bool = setting(False, doc="Bring mag onto the same times as well.")
     max_gap: float = quantity(
-        0.5, "s", gt=0, le=3600, doc="Longest gap between two samples of imu that is interpolated."
+        0.5, "s", gt=0, le=3600, doc="Longest gap between two samples of imu or mag that is interpolated."
     )
     gnss_max_gap: float = quantity(
         1.5, "s", gt=0, le=3600, doc="Longest gap between two rows of gnss that is interpolated."
     )
 
 
-def resample(*, imu: pa.Table, gnss: pa.Table | None, params: ResampleParams) -> Streams:
-    """The imu complete in every row; gnss untouched, or on the times of the imu and null where unknown.
+def resample(
+    *,
+    imu: pa.Table,
+    gnss: pa.Table | None,
+    mag: pa.Table | None,
+    attitude: pa.Table | None,
+    trajectory: pa.Table | None,
+    clock: pa.Table | None,
+    params: ResampleParams,
+) -> Streams:
+    """The imu complete in every row, with what goes with it; gnss and mag untouched, or on the same times.
 
     imu : accel m/s^2, gyro rad/s, any frame; null where the other one was measured. Rows that stay incomplete, at
         the ends and in gaps, are dropped. A group with an axis without any value drops nothing.
-    gnss : any columns
-    Raises DataError where the grid would have far more rows than the log.
+    attitude, trajectory : rows where they are not known are dropped; gnss, mag : null where unknown
+    clock : its times are the time base
+    Raises DataError where the grid would have far more rows than the log, or both a rate and a clock are given.
     """
     gap_ns, gnss_gap_ns = round(params.max_gap * 1e9), round(params.gnss_max_gap * 1e9)
-    given = time_ns(imu)
-    t_ns = given if params.rate is None else _grid(given, params.rate, gap_ns)
-    filled = _onto(t_ns, imu, gap_ns, params.rate)
+    t_ns, rate, base = _time_base(time_ns(imu), clock, params.rate, gap_ns)
+    filled = _onto(t_ns, imu, gap_ns, rate)
     groups = [group for group in ("accel", "gyro") if has(imu, group)]
     complete = np.ones(len(t_ns), dtype=bool)
     for group in groups:
         complete &= np.isfinite(matrix(filled, group, gaps=True)).all(axis=1)
     streams = {"imu": select_rows(filled, complete)}
+    for name, table, gap in (("attitude", attitude, gap_ns), ("trajectory", trajectory, gap_ns)):
+        if table is not None:
+            streams[name] = _known(_onto(t_ns[complete], table, gap))
     if gnss is not None:
         streams["gnss"] = _onto(t_ns[complete], gnss, gnss_gap_ns) if params.gnss else gnss
+    if mag is not None:
+        streams["mag"] = _onto(t_ns[complete], mag, gap_ns, rate) if params.mag else mag
     learnt = [
-        Metric("rows", float(complete.sum()), method="times of imu" if params.rate is None else f"{params.rate:g} Hz"),
+        Metric("rows", float(complete.sum()), method=base),
         Metric("rows_dropped", float((~complete).sum()), note="at the ends and in gaps"),
         *(row for group in ("accel", "gyro") for row in _completed(imu, group)),
     ]
     return {**streams, "metrics": metrics(learnt)}
+
+
+def _time_base(
+    given: Times, clock: pa.Table | None, rate: float | None, gap_ns: int
+) -> tuple[Times, float | None, str]:
+    """The new times, the rate to which faster samples are averaged (None where none are), and what they are."""
+    if clock is None:
+        t_ns = given if rate is None else _grid(given, rate, gap_ns)
+        return t_ns, rate, "times of imu" if rate is None else f"{rate:g} Hz"
+    if rate is not None:
+        raise DataError("filter.resample is given both a rate and a clock", "leave one of them away")
+    t_ns = time_ns(clock)
+    if len(given):
+        t_ns = t_ns[(t_ns >= given[0]) & (t_ns <= given[-1])]
+    clock_rate = median_rate(t_ns)
+    return t_ns, clock_rate if np.isfinite(clock_rate) else None, "times of another stream"
+
+
+def _known(table: pa.Table) -> pa.Table:
+    """The rows whose attitude is known."""
+    return select_rows(table, np.asarray(np.isfinite(matrix(table, "q", gaps=True)).all(axis=1)))
 
 
 def _completed(imu: pa.Table, group: str) -> list[Metric]:
@@ -149,10 +194,13 @@ def _onto(t_new: Times, table: pa.Table, gap_ns: int, rate: float | None = None)
     rate : Hz of the grid that t_new is, onto which faster columns are averaged; None only interpolates
     """
     t = time_ns(table)
+    turns = _attitudes(t_new, t, table, gap_ns)
     arrays = []
     for field in table.schema:
         if field.name == "time":
             arrays.append(times(t_new))
+        elif field.name in turns:
+            arrays.append(pa.array(turns[field.name], type=field.type, from_pandas=True))
         elif pa.types.is_floating(field.type):
             values = vector(table, field.name, gaps=True)
             if rate is not None and rate < SLOWER * median_rate(t[~np.isnan(values)]):
@@ -163,6 +211,15 @@ def _onto(t_new: Times, table: pa.Table, gap_ns: int, rate: float | None = None)
         else:
             arrays.append(_held(t_new, t, table[field.name], gap_ns))
     return pa.Table.from_arrays(arrays, schema=table.schema)
+
+
+def _attitudes(t_new: Times, t: Times, table: pa.Table, gap_ns: int) -> dict[str, Array]:
+    """The columns of the quaternion, where the table has one."""
+    names = spread("q", table.column_names)
+    q = matrix(table, "q", gaps=True) if names else np.zeros((0, 4))
+    if not np.isfinite(q).all(axis=1).any():
+        return {}
+    return dict(zip(names, slerp(t_new, t, q, gap_ns).T, strict=True))
 
 
 def _interpolated(t_new: Times, t: Times, values: Array, name: str, gap_ns: int) -> Array:
@@ -192,10 +249,19 @@ def declare_filters() -> Iterable[Filter]:
         name="resample",
         summary="Sensors of different rates on one time base.",
         params=ResampleParams,
-        reads={"imu": IMU.need("accel", "gyro"), "gnss": GNSS.need(optional=True)},
-        writes={"imu": SAME, "gnss": SAME},
+        reads={
+            "imu": IMU.need("accel", "gyro"),
+            "gnss": GNSS.need(optional=True),
+            "mag": MAG.need(optional=True),
+            "attitude": ATTITUDE.need(optional=True),
+            "trajectory": TRAJECTORY.need(optional=True),
+            "clock": GNSS.need("time", optional=True),
+        },
+        writes=dict.fromkeys(("imu", "gnss", "mag", "attitude", "trajectory"), SAME),
         run=resample,
+        version=2,
         linear=True,
         unit_gain=True,
         resamples=True,
+        references=("Shoemake (1985), SIGGRAPH 85, 245-254",),
     )

@@ -82,11 +82,8 @@ class Motion:
         t_ns : (m,) int64 ns
         """
         longest = GAP_STEPS * self.step_ns
-        q_nv = np.full((len(t_ns), 4), np.nan)
-        known = np.isfinite(self.q_nv).all(axis=1)
-        if known.any():
-            reached = np.isfinite(interpolate(t_ns, self.t_ns[known], np.zeros(int(known.sum())), longest))
-            q_nv[reached] = slerp(t_ns[reached], self.t_ns[known], self.q_nv[known])
+        known = np.isfinite(self.q_nv).all(axis=1).any()
+        q_nv = slerp(t_ns, self.t_ns, self.q_nv, longest) if known else np.full((len(t_ns), 4), np.nan)
         pos_n, vel_n, pos_std, vel_std, att_std = (
             interpolate(t_ns, self.t_ns, values, longest)
             for values in (self.pos_n, self.vel_n, self.pos_std, self.vel_std, self.att_std)

@@ -234,17 +234,25 @@ def sign_continuous(q: ArrayLike) -> Floats:
     return np.concatenate((q[:1], q[1:] * np.cumprod(flips, axis=0)))
 
 
-def slerp(t_new: ArrayLike, t: ArrayLike, q: ArrayLike) -> Floats:
+def slerp(t_new: ArrayLike, t: ArrayLike, q: ArrayLike, max_gap: float | None = None) -> Floats:
     """Attitude at other times: constant body rate between samples, along the shorter way. Shoemake 1985.
+
+    As `interpolate`, it invents nothing: rows with a NaN are skipped, and it is NaN inside gaps longer than max_gap.
 
     t_new : (m,) s or int64 ns
     t : (n,) in the same unit and type, strictly increasing
     q : (n, 4) unit
-    returns : (m, 4) without jumps of sign, NaN outside the span of t
-    raises : TypeError if the times are of two types, ValueError if t is empty
+    max_gap : in the unit of t
+    returns : (m, 4) without jumps of sign, NaN outside the span of what is known
+    raises : TypeError if the times are of two types, ValueError if no row is known
     """
-    left, right, fraction = bracket(t_new, t)
-    q = sign_continuous(q)
+    samples, q = np.asarray(t), np.asarray(q, dtype=np.float64)
+    known = np.isfinite(q).all(axis=1)
+    samples, q = samples[known], sign_continuous(q[known])
+    left, right, fraction = bracket(t_new, samples)
+    if max_gap is not None:
+        far = np.asarray(samples[right] - samples[left]) > max_gap
+        fraction[(fraction > 0.0) & (fraction < 1.0) & far] = np.nan
     turn = to_rotvec(multiply(conjugate(q[left]), q[right]))
     return multiply(q[left], from_rotvec(fraction[:, None] * turn))
 

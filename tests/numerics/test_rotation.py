@@ -216,6 +216,16 @@ def test_slerp_invents_nothing_outside_the_span():
     assert_array_equal(np.isnan(result).all(axis=1), [True, False, False, True])
 
 
+def test_slerp_skips_what_is_not_known_and_invents_nothing_in_gaps():
+    q = rotation.from_euler([0.0, 9.0, 0.2, 0.3, 1.3], 0.0, 0.0)
+    q[1] = np.nan
+    t = np.array([0, 1, 2, 3, 13])
+    found = rotation.slerp(np.array([1, 2, 3, 8, 13]), t, q, 2)
+    expected = np.array([0.1, 0.2, 0.3, np.nan, 1.3])
+    assert_within(rotation.to_euler(found)[0], expected, atol=ROUNDING)
+    assert_within(rotation.to_euler(rotation.slerp(np.array([8]), t, q))[0], [0.8], atol=ROUNDING)
+
+
 def test_slerp_needs_a_sample():
     with pytest.raises(ValueError, match="no samples"):
         rotation.slerp(np.array([0.0]), np.zeros(0), np.zeros((0, 4)))

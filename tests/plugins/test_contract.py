@@ -20,10 +20,11 @@ from fuzz import log_files
 
 from recon.pytest_plugin import MARK
 from recon.registry import Registry
+from recon.schema import ATTITUDE, IMU
 from recon.stages import Exporter, Reader
 from recon.tables import matrix, seconds, time_ns, vector
 from recon.testing import BoundLaw, Case, contract
-from recon.testing.drives import drive
+from recon.testing.drives import drive, serve
 from recon.testing.samples import samples
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
@@ -41,7 +42,8 @@ NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.v
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
-WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith((Reader.role, Exporter.role))]
+IN_ONE_FRAME = "filter.absolute_acceleration"
+WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith((Reader.role, Exporter.role)) and key != IN_ONE_FRAME]
 
 MAPPING = {
     "imu": {
@@ -113,6 +115,16 @@ def few_columns() -> dict[str, pa.Table]:
 
 @contract(*WITHOUT_CASES)
 def test_stages(law: BoundLaw) -> None:
+    law()
+
+
+def in_vehicle_axes() -> dict[str, pa.Table]:
+    """imu along the axes of the body whose attitude is given."""
+    return serve(drive(), {"imu": IMU.need("accel", frame="vehicle"), "attitude": ATTITUDE.need("q")})
+
+
+@contract(IN_ONE_FRAME, cases=[Case(streams=in_vehicle_axes())])
+def test_of_one_frame(law: BoundLaw) -> None:
     law()
 
 

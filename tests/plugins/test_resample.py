@@ -7,8 +7,9 @@ import pyarrow as pa
 import pytest
 
 from recon.errors import DataError
+from recon.numerics.rotation import from_euler, to_euler
 from recon.rows import warnings_of
-from recon.schema import GNSS, IMU, STREAMS
+from recon.schema import ATTITUDE, FRAMES, GNSS, IMU, MAG, STREAMS, TRAJECTORY
 from recon.tables import Array, build, conform, matrix, meta, time_ns, vector, with_meta
 from recon_filters.resample import ResampleParams, declare_filters, resample
 
@@ -28,8 +29,10 @@ def alternating(t_s: Array) -> Any:
     return build(IMU, time=ns(t_s), accel=accel, gyro=gyro)
 
 
-def run(imu: Any, gnss: Any = None, /, **params: Any) -> Any:
-    return resample(imu=imu, gnss=gnss, params=ResampleParams(**params))
+def run(imu: Any, gnss: Any = None, /, *, streams: Any = None, **params: Any) -> Any:
+    """streams : further ones by port."""
+    others = {"mag": None, "attitude": None, "trajectory": None, "clock": None, **(streams or {})}
+    return resample(imu=imu, gnss=gnss, **others, params=ResampleParams(**params))
 
 
 def numbers(streams: Any) -> dict[str, float]:
@@ -171,6 +174,65 @@ def test_codes_hold_their_last_value() -> None:
     assert fix[21:] == [None, 3, None, None]
     assert result["satellites"].to_pylist()[:8] == [None] * 6 + [7, None]
     assert result["fix"].type == pa.int32()
+
+
+def turning(t_s: Array, rate: float = 0.5) -> Any:
+    """Attitudes that turn to the left at a steady rate, with a sign that jumps."""
+    q = from_euler(rate * t_s, np.zeros(len(t_s)), np.zeros(len(t_s)))
+    q[::3] *= -1.0
+    return build(ATTITUDE, time=ns(t_s), q=q)
+
+
+def test_attitudes_turn_at_a_steady_rate_between_their_samples() -> None:
+    slow = np.arange(0.0, 3.01, 0.25)
+    streams = run(alternating(np.arange(0.0, 3.0, 0.01)), streams={"attitude": turning(slow)})
+    t_s = time_ns(streams["imu"]) * 1e-9
+    np.testing.assert_array_equal(time_ns(streams["attitude"]), time_ns(streams["imu"]))
+    assert to_euler(matrix(streams["attitude"], "q"))[0] == pytest.approx(0.5 * t_s, abs=ROUNDING)
+
+
+def test_attitudes_are_not_invented_in_gaps_and_beyond_their_ends() -> None:
+    known = np.array([0.5, 0.6, 2.0, 2.1])
+    streams = run(alternating(np.arange(0.0, 3.0, 0.01)), streams={"attitude": turning(known)}, rate=20.0)
+    found = (time_ns(streams["attitude"]) - 10_000_000) * 1e-9  # the grid begins with the first complete row
+    assert ((found >= 0.48) & (found <= 0.61) | (found >= 1.98) & (found <= 2.11)).all()
+    assert len(found) > 3
+
+
+def test_a_clock_gives_the_times_and_faster_sensors_are_averaged() -> None:
+    """Step 2 of many a small robot: everything at the times of GNSS."""
+    t_s = np.arange(0.0, 10.0, 0.01)
+    accel = 1.0 + np.sin(2.0 * np.pi * 10.0 * t_s)[:, None] * np.ones(3)
+    imu = build(IMU, time=ns(t_s), accel=accel, gyro=np.ones((len(t_s), 3)))
+    mag = build(MAG, time=ns(t_s), mag=accel * 1e-5)
+    gnss = build(GNSS, time=ns([-1.0, 1.025, 2.025, 4.025, 5.025, 12.0]), speed=np.ones(6))
+    streams = run(imu, gnss, streams={"clock": gnss, "mag": mag, "attitude": turning(t_s)}, mag=True)
+    for name in ("imu", "mag", "attitude"):
+        np.testing.assert_array_equal(time_ns(streams[name]), ns([1.025, 2.025, 4.025, 5.025]))
+    assert streams["gnss"].equals(gnss)
+    # Ten whole periods of the vibration are averaged away; at its crest, where it is taken, it would add 1.
+    assert vector(streams["imu"], "accel_x") == pytest.approx(1.0, abs=1e-3)
+    assert vector(streams["mag"], "mag_x") == pytest.approx(1e-5, abs=1e-8)
+    (rows,) = (row for row in streams["metrics"].to_pylist() if row["name"] == "rows")
+    assert (rows["value"], rows["method"]) == (4.0, "times of another stream")
+
+
+def test_a_trajectory_comes_onto_the_times_of_images() -> None:
+    t_s = np.arange(0.0, 3.0, 0.01)
+    pos, zero = np.column_stack([t_s, 2.0 * t_s, 0.0 * t_s]), np.zeros(len(t_s))
+    table = build(TRAJECTORY, time=ns(t_s), pos=pos, vel=pos, q=from_euler(t_s, zero, zero), lon=179.9 + 0.1 * t_s)
+    clock = build(FRAMES, time=ns([0.3333, 1.7777]), index=np.arange(2), file=pa.array(["a", "b"]))
+    found = run(alternating(t_s), streams={"trajectory": table, "clock": clock})["trajectory"]
+    np.testing.assert_array_equal(time_ns(found), ns([0.3333, 1.7777]))
+    assert matrix(found, "pos")[:, 1] == pytest.approx([0.6666, 3.5554])
+    assert to_euler(matrix(found, "q"))[0] == pytest.approx([0.3333, 1.7777])
+    assert conform(found, TRAJECTORY, stream="trajectory", step="test").num_rows == 2
+
+
+def test_a_rate_and_a_clock_are_one_too_many() -> None:
+    gnss = build(GNSS, time=ns([0.0, 1.0]), speed=np.ones(2))
+    with pytest.raises(DataError, match="both a rate and a clock"):
+        run(alternating(np.arange(0, 1, 0.01)), streams={"clock": gnss}, rate=10.0)
 
 
 def test_the_result_keeps_the_schema() -> None:

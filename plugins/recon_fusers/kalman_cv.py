@@ -1,0 +1,245 @@
+"""The Kalman filter of position and velocity: accelerations push it, GNSS positions hold it.
+
+On East, North and Up each, with the state (position, velocity), the acceleration a as the control, and positions z:
+
+    p' = v,   v' = a + w,   z = p + r,    w of density accel_noise (Q), r of the fix's own sigma (R)
+
+It knows no attitude, no bias and no vehicle: attitude and acceleration come from the steps above, and what they err by
+is noise. Between two fixes it predicts at the rate of the imu, at a fix it is updated; with `smooth` every estimate
+also knows the fixes that follow (Rauch, Tung, Striebel). In steps in which the imu is silent the acceleration is not
+known, and the sigmas grow accordingly.
+
+Receivers err by much the same for minutes. No filter of positions averages that away: of the variance of a fix the
+share `slow_share` is kept out of R and added to what the result claims.
+
+fuser.map estimates attitude, biases, mounting and delays together with the motion, and is several times better.
+
+References
+    Kalman (1960), J. Basic Engineering 82(1), 35-45. Rauch, Tung, Striebel (1965), AIAA J. 3(8), 1445-1450.
+    The numerics stand in recon.numerics.constant_velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon import (
+    ATTITUDE,
+    EVENTS,
+    GNSS,
+    IMU,
+    RESIDUALS,
+    TRAJECTORY,
+    Array,
+    Change,
+    Event,
+    Fuser,
+    Metric,
+    Params,
+    Schema,
+    Streams,
+    build,
+    events,
+    has,
+    hookimpl,
+    matrix,
+    meta,
+    metrics,
+    quantity,
+    setting,
+    time_ns,
+    warning,
+    with_meta,
+)
+from recon.errors import NotEnoughData
+from recon.numerics.constant_velocity import Innovations, estimate
+from recon.numerics.rotation import slerp
+from recon.placing import geolocate, silence_warnings, silent_steps
+from recon.tables import schema_of
+
+SILENT_NOISE: Final = 2.0
+"""m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
+OUTAGE_S: Final = 3.0
+SUSPICIOUS: Final = 0.05
+"""Share of fixes that are doubted, above which something else is wrong."""
+_AXES: Final = ("e", "n", "u")
+
+
+class KalmanParams(Params):
+    """Parameters of fuser.kalman_cv."""
+
+    accel_noise: float = quantity(
+        0.5, "m/s^2/sqrt(Hz)", gt=0, le=1000, doc="Q: density of what the acceleration errs by, attitude included."
+    )
+    horizontal: float | None = quantity(
+        None, "m", gt=0, le=1e4, doc="R: sigma of a fix, east and north each; none: as the receiver tells, else 3 m."
+    )
+    vertical: float | None = quantity(
+        None, "m", gt=0, le=1e4, doc="R: sigma of the height of a fix; none: as the receiver tells, else 5 m."
+    )
+    slow_share: float = setting(
+        0.5, ge=0, lt=1, doc="Share of the variance of a fix that lasts for minutes: no fix averages it away."
+    )
+    gate: float = setting(5.0, ge=1, le=1e6, doc="Sigmas from the prediction beyond which a fix counts less and less.")
+    smooth: bool = setting(False, doc="Estimate each row from all fixes, not only from those before it.")
+    max_gap: float = quantity(0.5, "s", gt=0, le=3600, doc="Over a longer gap in imu the acceleration is not known.")
+    longest_gap: float = quantity(10.0, "min", gt=0, le=1e6, doc="A log with a longer gap is refused: cut it there.")
+
+
+_TYPICAL: Final = (3.0, 3.0, 5.0)
+"""m, sigma of a fix that tells none."""
+
+
+def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, params: KalmanParams) -> Streams:
+    """Trajectory at the rows of imu from the first fix on, the innovations of the fixes, and outages of them.
+
+    imu : accel m/s^2, local, without gravity; gnss : pos m, local; attitude : goes into the trajectory as it is
+    Raises NotEnoughData where imu has less than two rows or no fix lies in its time, DataError where imu has a gap
+    longer than longest_gap.
+    """
+    if imu.num_rows < 2:
+        raise NotEnoughData("rows in imu", needed="2", found=str(imu.num_rows))
+    t_ns, silent = time_ns(imu), silent_steps(imu, params.max_gap, params.longest_gap)
+    rows, sigma, learnt = _fixes(imu, gnss, params)
+    fix_ns = time_ns(gnss)[rows]
+    white = sigma * np.sqrt(1.0 - params.slow_share)
+    found, seen = estimate(
+        (t_ns - t_ns[0]) * 1e-9,
+        matrix(imu, "accel"),
+        silent,
+        (fix_ns - t_ns[0]) * 1e-9,
+        matrix(gnss, "pos", gaps=True)[rows],
+        white**2,
+        density=params.accel_noise,
+        held_density=SILENT_NOISE,
+        gate=params.gate,
+        smooth=params.smooth,
+    )
+    kept = t_ns[len(t_ns) - len(found.pos) :]
+    slow = sigma[np.searchsorted(fix_ns, kept, side="right") - 1] ** 2 * params.slow_share
+    table = build(
+        TRAJECTORY,
+        time=kept,
+        pos=found.pos,
+        vel=found.vel,
+        q=_attitude(kept, attitude),
+        pos_std=np.sqrt(found.pos_var + slow),
+        vel_std=np.sqrt(found.vel_var),
+    )
+    learnt += [
+        *silence_warnings(imu, silent, "the acceleration is taken as zero"),
+        *_counts(t_ns, kept, seen, params.gate),
+    ]
+    return {
+        "trajectory": geolocate(with_meta(table, **meta(imu), **_body(attitude)), gnss),
+        "residuals": _residuals(fix_ns[1:], seen, params.gate),
+        "events": events(_outages(t_ns, fix_ns)),
+        "metrics": metrics(learnt),
+    }
+
+
+def _fixes(imu: pa.Table, gnss: pa.Table, params: KalmanParams) -> tuple[NDArray[np.intp], Array, list[Metric]]:
+    """Rows of gnss with a position in the time of imu, their sigmas (m, 3) m, and where these are from."""
+    t_ns, fix_ns = time_ns(imu), time_ns(gnss)
+    placed = np.isfinite(matrix(gnss, "pos", gaps=True)).all(axis=1)
+    rows = np.flatnonzero(placed & (fix_ns >= t_ns[0]) & (fix_ns <= t_ns[-1]))
+    if not len(rows):
+        raise NotEnoughData("gnss positions in the time of imu", needed="1", found=f"none of {len(fix_ns)} rows")
+    told = np.full((len(rows), 3), np.nan)
+    if has(gnss, "pos_std"):
+        told = matrix(gnss, "pos_std", gaps=True)[rows]
+        told[~(told > 0.0)] = np.nan  # receivers write 0 or -1 where they do not know
+    known = np.isfinite(told)
+    sigma = np.where(known, told, _TYPICAL)
+    learnt = []
+    for name, value, axes in (("horizontal", params.horizontal, [0, 1]), ("vertical", params.vertical, [2])):
+        if value is not None:
+            sigma[:, axes] = value
+        source = "given" if value is not None else "told by the receiver" if known[:, axes].any() else "typical"
+        learnt.append(Metric(f"sigma_{name}", float(np.median(sigma[:, axes])), "m", method=source))
+    return rows, sigma, learnt
+
+
+def _attitude(t_ns: NDArray[np.int64], attitude: pa.Table | None) -> Array:
+    """At the times t_ns (n,) ns: (n, 4), NaN where not known."""
+    if attitude is None or not attitude.num_rows:
+        return np.full((len(t_ns), 4), np.nan)
+    return slerp(t_ns, time_ns(attitude), matrix(attitude, "q"))
+
+
+def _body(attitude: pa.Table | None) -> dict[str, str]:
+    """The fact that tells whose attitude it is, where it is not the vehicle's."""
+    frame = "" if attitude is None else schema_of(attitude)["qw"].frame
+    return {"body": frame} if frame not in ("", "vehicle") else {}
+
+
+def _residuals(fix_ns: NDArray[np.int64], seen: Innovations, gate: float) -> pa.Table:
+    """The innovations, axis by axis."""
+    count = 3 * len(fix_ns)
+    value, sigma, weight = seen.value.ravel(), np.sqrt(seen.variance).ravel(), seen.weight.ravel()
+    return build(
+        RESIDUALS,
+        time=np.repeat(fix_ns, 3),
+        sensor=pa.repeat(pa.scalar("gnss"), count),
+        component=pa.array([f"pos_{axis}" for axis in _AXES] * len(fix_ns), pa.string()),
+        value=value,
+        sigma=sigma,
+        weight=weight,
+        accepted=pa.array(np.abs(value) <= gate * sigma),
+    )
+
+
+def _outages(t_ns: NDArray[np.int64], fix_ns: NDArray[np.int64]) -> list[Event]:
+    """Spans without a fix that is due, from the first row of imu to the last."""
+    edges = np.concatenate([t_ns[:1], fix_ns, t_ns[-1:]])
+    step_s = np.diff(edges) * 1e-9
+    usual = float(np.median(np.diff(fix_ns))) * 1e-9 if len(fix_ns) > 1 else 0.0
+    long = np.flatnonzero(step_s > max(OUTAGE_S, 2.5 * usual))
+    return [Event(int(edges[i]), int(edges[i + 1]), "outage", float(step_s[i]), "s") for i in long]
+
+
+def _counts(t_ns: NDArray[np.int64], kept: NDArray[np.int64], seen: Innovations, gate: float) -> list[Metric]:
+    """What was left out, and what was doubted."""
+    far = np.asarray((np.abs(seen.value) > gate * np.sqrt(seen.variance)).any(axis=1))
+    found = [
+        Metric("rows_before_the_first_fix", float(len(t_ns) - len(kept)), note="left out: no place is known there"),
+        Metric("fixes", float(len(far) + 1)),
+        Metric("fixes_doubted", float(far.sum()), note=f"further than {gate:g} sigmas from the prediction"),
+    ]
+    if len(far) and far.mean() > SUSPICIOUS:
+        share = f"{100.0 * far.mean():.0f} % of the fixes are further than {gate:g} sigmas from the prediction"
+        found.append(warning(f"{share}: is the attitude right? else raise accel_noise, or the sigmas of the fixes"))
+    return found
+
+
+def _plan(schemas: Mapping[str, Schema], params: KalmanParams) -> dict[str, Schema]:
+    """The attitude in the trajectory is that of the body whose attitude is given."""
+    given = TRAJECTORY.only("pos", "vel", "q", "lat", "lon", "height", "pos_std", "vel_std", "att_std")
+    frame = schemas["attitude"]["qw"].frame if "attitude" in schemas else "vehicle"
+    trajectory = Change(frames={"q": frame}).apply(given)
+    return {"trajectory": trajectory, "residuals": RESIDUALS, "events": EVENTS}
+
+
+@hookimpl
+def declare_fusers() -> Iterable[Fuser]:
+    """Declare fuser.kalman_cv."""
+    yield Fuser(
+        name="kalman_cv",
+        summary="Kalman filter of position and velocity: accelerations push it, GNSS positions hold it.",
+        params=KalmanParams,
+        reads={
+            "imu": IMU.need("accel", frame="local", quantity={"accel": "acceleration"}),
+            "gnss": GNSS.need("pos", maybe=["pos_std"]),
+            "attitude": ATTITUDE.need("q", optional=True),
+        },
+        writes={"trajectory": TRAJECTORY, "residuals": RESIDUALS, "events": EVENTS},
+        run=kalman_cv,
+        plan=_plan,
+        budget=1.0,
+        references=("Kalman (1960)", "Rauch, Tung, Striebel (1965)"),
+    )

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import recon
+from recon import ATTITUDE, GNSS, IMU, build, has, matrix, meta, replace, spans, time_ns, vector
+from recon.errors import DataError, NotEnoughData
+from recon.numerics.constant_velocity import estimate
+from recon.numerics.geodesy import enu_to_geodetic
+from recon.numerics.rotation import from_euler, to_euler
+from recon.rows import warnings_of
+from recon.schema import Change
+from recon.tables import conform
+from recon.testing.drives import ANCHOR, Conditions, drive, serve
+from recon_fusers.kalman_cv import KalmanParams, declare_fusers, kalman_cv
+
+READS = {"imu": IMU.need("accel", frame="local", quantity={"accel": "acceleration"}), "gnss": GNSS.need("pos")}
+
+
+def inputs(seed=1, noise=1.0):
+    return serve(drive(Conditions(seed=seed, noise=noise)), {**READS, "attitude": ATTITUDE.need("q")})
+
+
+def run(streams, **params):
+    return kalman_cv(**{"attitude": None, **streams}, params=KalmanParams(**params))
+
+
+def fuse(seed=1, noise=1.0, **params):
+    return run(inputs(seed, noise), **params)
+
+
+def metric(result, name):
+    (row,) = (row for row in result["metrics"].to_pylist() if row["name"] == name)
+    return row["value"], row["method"]
+
+
+def horizontal(table, truth):
+    rows = np.searchsorted(time_ns(truth), time_ns(table))
+    error = matrix(table, "pos") - matrix(truth, "pos")[rows]
+    return float(np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()))
+
+
+def test_it_is_the_filter_of_the_numerics_with_the_sigmas_that_the_receiver_tells():
+    streams = inputs()
+    found = run(streams, smooth=True, accel_noise=0.3, slow_share=0.0)["trajectory"]
+    imu, gnss = streams["imu"], streams["gnss"]
+    start = time_ns(imu)[0]
+    wanted, _ = estimate(
+        (time_ns(imu) - start) * 1e-9, matrix(imu, "accel"), np.zeros(imu.num_rows - 1, dtype=bool),
+        (time_ns(gnss) - start) * 1e-9, matrix(gnss, "pos"), matrix(gnss, "pos_std") ** 2,
+        density=0.3, held_density=2.0, gate=5.0, smooth=True,
+    )  # fmt: skip
+    np.testing.assert_array_equal(matrix(found, "pos"), wanted.pos)
+    np.testing.assert_array_equal(matrix(found, "vel_std"), np.sqrt(wanted.vel_var))
+    np.testing.assert_array_equal(matrix(found, "pos_std"), np.sqrt(wanted.pos_var))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_filtered_and_smoothed_it_beats_the_fixes(seed):
+    truth = drive(Conditions(seed=seed))["reference"]
+    streams = inputs(seed)
+    raw = horizontal(streams["gnss"], truth)
+    filtered, smoothed = (horizontal(run(streams, smooth=smooth)["trajectory"], truth) for smooth in (False, True))
+    assert smoothed < filtered < raw
+
+
+def test_what_lasts_for_minutes_is_not_averaged_away_but_claimed():
+    plain, shared = (fuse(slow_share=share)["trajectory"] for share in (0.0, 0.75))
+    assert (matrix(plain, "pos_std")[1000:] < 0.6).all()
+    assert (matrix(shared, "pos_std") > np.sqrt(0.75)).all()
+
+
+def test_the_parameters_take_the_place_of_what_the_receiver_tells():
+    assert metric(fuse(), "sigma_horizontal") == (1.0, "told by the receiver")
+    assert metric(fuse(horizontal=4.0), "sigma_horizontal") == (4.0, "given")
+    streams = inputs()
+    streams["gnss"] = streams["gnss"].drop_columns(["pos_std_e", "pos_std_n", "pos_std_u"])
+    assert metric(run(streams), "sigma_vertical") == (5.0, "typical")
+    zero = replace(inputs()["gnss"], pos_std=np.zeros((streams["gnss"].num_rows, 3)))
+    assert metric(run({**streams, "gnss": zero}), "sigma_horizontal") == (3.0, "typical")
+
+
+def test_the_trajectory_knows_its_place_and_whose_attitude_it_has():
+    streams = inputs(noise=0.0)
+    q = from_euler(0.3, np.full(streams["imu"].num_rows, 0.1), 0.0)
+    sensor = Change(frames={"q": "sensor"}).apply(ATTITUDE)
+    streams["attitude"] = conform(
+        build(ATTITUDE, time=time_ns(streams["imu"]), q=q), sensor, stream="attitude", step="test"
+    )
+    found = run(streams)["trajectory"]
+    assert meta(found)["body"] == "sensor"
+    assert to_euler(matrix(found, "q"))[1] == pytest.approx(0.1)
+    lat, lon, height = enu_to_geodetic(matrix(found, "pos"), ANCHOR)
+    for name, values in (("lat", lat), ("lon", lon), ("height", height)):
+        np.testing.assert_array_equal(vector(found, name), values)
+    (stage,) = declare_fusers()
+    schemas = recon.Recording(streams).schemas()
+    assert stage.outputs(schemas, KalmanParams())["trajectory"]["qw"].frame == "sensor"
+    assert not has(run(inputs() | {"attitude": None})["trajectory"], "q")
+
+
+def test_an_outage_is_told_and_the_sigma_grows_in_it():
+    streams = inputs()
+    gnss = streams["gnss"]
+    since = (time_ns(gnss) - time_ns(gnss)[0]) * 1e-9
+    streams["gnss"] = gnss.filter(pa.array((since < 10.0) | (since > 20.0)))
+    found = run(streams)
+    ((start, stop),) = spans(found["events"], "outage")
+    assert (stop - start) * 1e-9 == pytest.approx(10.0, abs=0.5)
+    since = (time_ns(found["trajectory"]) - time_ns(gnss)[0]) * 1e-9
+    sigma = vector(found["trajectory"], "pos_std_e")
+    assert sigma[np.searchsorted(since, 19.9)] > 5.0 * sigma[np.searchsorted(since, 9.9)]
+
+
+def test_residuals_are_the_innovations_and_an_outlier_is_not_accepted():
+    streams = inputs()
+    pos = matrix(streams["gnss"], "pos").copy()
+    pos[40] += [80.0, 0.0, 0.0]
+    found = run({**streams, "gnss": replace(streams["gnss"], pos=pos)})
+    rows = [row for row in found["residuals"].to_pylist() if not row["accepted"]]
+    assert [row["component"] for row in rows] == ["pos_e"]
+    assert rows[0]["value"] == pytest.approx(80.0, abs=5.0)
+    assert rows[0]["weight"] < 0.05
+    assert metric(found, "fixes_doubted")[0] == 1.0
+
+
+def test_an_attitude_that_is_wrong_shows_in_the_innovations():
+    streams = inputs()
+    tilted = matrix(streams["imu"], "accel") + np.array([8.0, 0.0, 0.0])
+    found = run({**streams, "imu": replace(streams["imu"], accel=tilted)}, accel_noise=0.05)
+    assert "is the attitude right?" in warnings_of(found["metrics"])[0]
+
+
+def test_gaps_of_the_imu_are_warned_of():
+    streams = inputs()
+    imu = streams["imu"]
+    since = (time_ns(imu) - time_ns(imu)[0]) * 1e-9
+    streams["imu"] = imu.filter(pa.array((since < 10.0) | (since > 12.0)))
+    found = run(streams)
+    assert "the acceleration is taken as zero" in warnings_of(found["metrics"])[0]
+    since = (time_ns(found["trajectory"]) - time_ns(imu)[0]) * 1e-9
+    sigma = vector(found["trajectory"], "vel_std_e")
+    assert sigma[np.searchsorted(since, 12.0)] > 1.5 * sigma[np.searchsorted(since, 9.9)]
+
+
+def test_without_a_fix_in_its_time_there_is_nothing():
+    streams = inputs()
+    late = replace(streams["gnss"], time=recon.times(time_ns(streams["gnss"]) + 10**15))
+    with pytest.raises(NotEnoughData, match="gnss positions in the time of imu"):
+        run({**streams, "gnss": late})
+    with pytest.raises(DataError, match="rows in imu"):
+        run({**streams, "imu": streams["imu"].slice(0, 1)})
+
+
+def test_the_declaration_has_no_fault():
+    assert [stage.faults() for stage in declare_fusers()] == [[]]
