@@ -143,6 +143,8 @@ def fault_of_unit(stream: str, column: Column) -> str:
     canonical = STREAMS.get(unnumbered(stream))
     if canonical is not None and column.name in canonical:
         wanted = canonical[column.name].unit
+    elif column.name in ("lat", "lon"):
+        wanted = "deg"
     else:
         try:
             wanted = si_unit(column.unit) if column.unit else ""

@@ -1,0 +1,119 @@
+"""What a vehicle's handling is told by: accelerations along and across the road, how smooth, how often beyond a limit.
+
+Axes are those of the intermediate system of ISO 8855: X horizontal along the heading, Y horizontal to the left, Z up.
+
+References
+    ISO 8855:2011, 2.11 (axis systems).
+    Commission Regulation (EU) 2016/427, appendix 7a (relative positive acceleration, v a+).
+    Garwood (1936), "Fiducial limits for the Poisson distribution", Biometrika 28 (rates of rare events).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.rotation import Floats, rotate, to_euler
+from recon.numerics.signals import differentiate, interval_mean, runs
+
+HALF_POWER: Final = 0.319
+"""Frequency times width at which two running means, one after the other, pass half of the power: sinc^2 = 1/sqrt(2)."""
+
+
+def intermediate(accel_n: Floats, q: Floats) -> Floats:
+    """Vectors along the heading, to the left and up: (n, 3).
+
+    accel_n : (n, 3), local; q : (n, 4) vehicle to local, scalar first
+    """
+    yaw = to_euler(q)[0]
+    east, north = np.cos(yaw), np.sin(yaw)
+    ahead = accel_n[:, 0] * east + accel_n[:, 1] * north
+    left = accel_n[:, 1] * east - accel_n[:, 0] * north
+    return np.column_stack([ahead, left, accel_n[:, 2]])
+
+
+def to_local(vectors: Floats, q: Floats) -> Floats:
+    """Vectors (n, 3) of the vehicle in local axes: (n, 3)."""
+    return np.asarray(rotate(q, vectors))
+
+
+def smoothed(t_ns: NDArray[np.int64], values: Floats, cutoff_hz: float, max_gap_s: float) -> Floats:
+    """Two running means, which together pass half of the power at the cut-off, without delay: as `values`.
+
+    t_ns : (n,) ns, strictly increasing; values : (n,) or (n, k)
+    """
+    width = HALF_POWER / cutoff_hz
+    once = interval_mean(t_ns, t_ns, values, width, max_gap_s)
+    return interval_mean(t_ns, t_ns, once, width, max_gap_s)
+
+
+def rate_of_change(t_ns: NDArray[np.int64], values: Floats, max_gap_s: float) -> Floats:
+    """Derivative by time, NaN on both sides of gaps: as `values`."""
+    found = np.full_like(values, np.nan)
+    for start, stop in pieces(t_ns, max_gap_s):
+        if stop - start > 2:
+            found[start:stop] = differentiate((t_ns[start:stop] - t_ns[start]) * 1e-9, values[start:stop])
+    return found
+
+
+def pieces(t_ns: NDArray[np.int64], max_gap_s: float) -> NDArray[np.intp]:
+    """Rows between which no gap lies: (m, 2) first row and the one behind the last."""
+    cuts = np.flatnonzero(np.diff(t_ns) > max_gap_s * 1e9) + 1
+    edges = np.concatenate([[0], cuts, [len(t_ns)]]).astype(np.intp)
+    return np.column_stack([edges[:-1], edges[1:]]) if len(t_ns) else np.zeros((0, 2), dtype=np.intp)
+
+
+def weights_s(t_ns: NDArray[np.int64], max_gap_s: float) -> Floats:
+    """The time that each row stands for, s: half of the steps to its neighbours, none across gaps. (n,)"""
+    steps = np.diff(t_ns) * 1e-9
+    steps[steps > max_gap_s] = 0.0
+    return np.asarray(0.5 * (np.append(0.0, steps) + np.append(steps, 0.0)))
+
+
+def spells(
+    t_ns: NDArray[np.int64], beyond: NDArray[np.bool_], merge_s: float, min_s: float, max_gap_s: float
+) -> NDArray[np.intp]:
+    """First and last row of each stretch beyond a limit: (m, 2).
+
+    merge_s : stretches that follow each other so soon are one; min_s : shorter ones do not count; none spans a gap
+    """
+    found: list[tuple[int, int]] = []
+    for start, stop in pieces(t_ns, max_gap_s):
+        rows = runs(beyond[start:stop]) + start - [0, 1]
+        joined: list[list[int]] = []
+        for first, last in rows.tolist():
+            if joined and (t_ns[first] - t_ns[joined[-1][1]]) * 1e-9 <= merge_s:
+                joined[-1][1] = last
+            else:
+                joined.append([first, last])
+        found += [(first, last) for first, last in joined if (t_ns[last] - t_ns[first]) * 1e-9 >= min_s]
+    return np.array(found, dtype=np.intp).reshape(-1, 2)
+
+
+def relative_positive_acceleration(speed: Floats, accel: Floats, weight_s: Floats) -> float:
+    """Sum of v a dt over the way, where a > 0, m/s^2: high where a driver accelerates often and hard.
+
+    speed : (n,) m/s; accel : (n,) m/s^2, along the way; weight_s : (n,) s
+    """
+    way = float(np.nansum(speed * weight_s))
+    return float(np.nansum(np.where(accel > 0.0, speed * accel, 0.0) * weight_s)) / way if way > 0.0 else float("nan")
+
+
+def weighted_quantile(values: Floats, weight: Floats, share: float) -> float:
+    """The value that a share of the weight does not exceed; NaN without any."""
+    known = np.isfinite(values) & (weight > 0.0)
+    if not known.any():
+        return float("nan")
+    order = np.argsort(values[known], kind="stable")
+    total = np.cumsum(weight[known][order])
+    return float(values[known][order][min(int(np.searchsorted(total, share * total[-1])), len(order) - 1)])
+
+
+def poisson_limits(count: int) -> tuple[float, float]:
+    """Limits of 95 % of the mean of a count."""
+    from scipy.special import gammaincinv  # slow import: only when used
+
+    low = float(gammaincinv(count, 0.025)) if count else 0.0
+    return low, float(gammaincinv(count + 1, 0.975))

@@ -1,0 +1,110 @@
+"""analyzer.driving: figures of motions known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from handling_drives import START_NS, braking, cornering, gentle, told
+
+from recon import Event, events
+from recon.numerics.handling import poisson_limits, weighted_quantile
+from recon_analyzers.driving import DrivingParams, analyze_driving
+
+G = 9.80665
+
+
+def analyzed(trajectory, happened=None, **params):
+    return analyze_driving(trajectory=trajectory, events=happened, params=DrivingParams(**params))
+
+
+def happened(*rows):
+    return events(Event(START_NS + round(a * 1e9), START_NS + round(b * 1e9), kind) for kind, a, b in rows)
+
+
+def test_a_steady_drive_has_its_way_time_and_speed_and_nothing_else():
+    """6000 rows at 100 Hz stand for 59.99 s."""
+    found = told(analyzed(gentle(speed=15.0)))
+    assert found["distance"]["value"] == pytest.approx(15.0 * 59.99)
+    assert found["duration"]["value"] == pytest.approx(59.99)
+    assert found["mean_moving_speed"]["value"] == pytest.approx(15.0)
+    assert found["friction_demand_max"]["value"] == pytest.approx(0.0, abs=1e-9)
+    assert found["rpa"]["value"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_friction_circle_of_braking_is_its_deceleration():
+    found = told(analyzed(braking(0.5 * G)))
+    assert found["friction_demand_max"]["value"] == pytest.approx(0.5, rel=1e-6)
+    assert found["brake_max"]["value"] == pytest.approx(0.5 * G, rel=1e-6)
+    assert found["friction_time"]["value"] == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_bend_to_the_left_shows_on_the_left():
+    found = told(analyzed(cornering(15.0**2 / (0.4 * G))))
+    assert found["left_max"]["value"] == pytest.approx(0.4 * G, rel=1e-6)
+    assert found["right_max"]["value"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_relative_positive_acceleration_is_gained_energy_over_the_way():
+    """From 20 to 30 m/s: integral of v a = (30^2 - 20^2) / 2, over the way; the ends of the means add second order."""
+    found = told(analyzed(braking(-5.0, duration_s=2.0)))
+    way = found["distance"]["value"]
+    assert found["rpa"]["value"] == pytest.approx(0.5 * (30.0**2 - 20.0**2) / way, rel=1e-3)
+    assert found["va_pos_p95"]["value"] == pytest.approx(0.95 * 50.0 + 100.0, rel=0.05)
+
+
+def test_jerk_is_that_of_the_low_passed_edge():
+    """An edge of 5 m/s^2 through two means of width w is a triangle of height 5 / w and base 2 w, of which the square
+    has the integral 2 w (5 / w)^2 / 3; there are two edges."""
+    w = 0.319 / 2.0
+    found = told(analyzed(braking(5.0)))
+    expected = np.sqrt(2 * (2.0 * w * (5.0 / w) ** 2 / 3.0) / 59.99)
+    assert found["jerk_along_rms"]["value"] == pytest.approx(expected, rel=0.02)
+
+
+def test_rates_count_events_and_know_how_little_they_tell():
+    marks = happened(("trip", 0.0, 59.0), ("harsh_braking", 20.0, 21.0), ("harsh_braking", 40.0, 41.0))
+    found = told(analyzed(gentle(), marks), "whole")
+    way_100km = found["distance"]["value"] / 1e5
+    rate = found["harsh_braking_per_100km"]
+    assert found["harsh_braking"]["value"] == 2.0
+    assert rate["value"] == pytest.approx(2.0 / way_100km)
+    assert rate["low"] == pytest.approx(0.2422 / way_100km, rel=1e-3)  # Garwood's table for a count of 2
+    assert rate["high"] == pytest.approx(7.2247 / way_100km, rel=1e-3)
+    assert found["harsh_cornering_per_100km"]["value"] == 0.0
+    assert found["harsh_cornering_per_100km"]["high"] == pytest.approx(3.6889 / way_100km, rel=1e-3)
+
+
+def test_trips_have_figures_of_their_own():
+    marks = happened(("trip", 0.0, 19.0), ("trip", 30.0, 59.0), ("harsh_braking", 20.0, 22.0))
+    streams = analyzed(braking(0.5 * G), marks)
+    assert told(streams, "trip 1")["friction_demand_max"]["value"] == pytest.approx(0.0, abs=1e-6)
+    assert told(streams, "trip 1")["distance"]["value"] == pytest.approx(20.0 * 19.0, rel=0.01)
+    assert told(streams, "trip 1")["harsh_braking"]["value"] == 0.0
+    assert told(streams, "whole")["harsh_braking"]["value"] == 1.0
+    assert set(streams["gg"]["trip"].to_pylist()) == {0, 1, 2}
+
+
+def test_the_diagram_holds_all_time_in_motion_and_its_cells_where_they_belong():
+    streams = analyzed(braking(0.5 * G))
+    rows = [row for row in streams["gg"].to_pylist() if row["trip"] == 0]
+    assert sum(row["duration"] for row in rows) == pytest.approx(told(streams)["moving_time"]["value"])
+    hard = [row for row in rows if row["accel_along"] == pytest.approx(-0.5 * G)]
+    assert sum(row["duration"] for row in hard) == pytest.approx(1.7, abs=0.15)
+    assert max(rows, key=lambda row: row["duration"])["accel_along"] == 0.0
+
+
+def test_without_events_nothing_is_counted():
+    assert not any(name.endswith("per_100km") for name in told(analyzed(gentle())))
+
+
+def test_limits_of_a_count_are_garwoods():
+    """Table of Garwood (1936) for 95 %."""
+    assert poisson_limits(0) == pytest.approx((0.0, 3.689), abs=1e-3)
+    assert poisson_limits(10) == pytest.approx((4.795, 18.390), abs=1e-3)
+
+
+def test_a_quantile_by_weight_is_the_usual_one_for_equal_weights():
+    values = np.arange(101.0)
+    assert weighted_quantile(values, np.ones(101), 0.95) == pytest.approx(95.0, abs=1.0)
+    assert weighted_quantile(np.array([1.0, 100.0]), np.array([99.0, 1.0]), 0.95) == 1.0
+    assert np.isnan(weighted_quantile(np.array([np.nan]), np.ones(1), 0.5))
