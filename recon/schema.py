@@ -380,6 +380,31 @@ METRICS: Final = Schema(
     )
 )
 FRAMES: Final = Schema((TIME, Column("index", type=pa.int64()), _text("file")))
+GROUND: Final = Schema(
+    (
+        TIME,
+        *_PLACE[:2],
+        Column("height", "m", quantity="height", doc="of the ground there, above the stream's height_datum"),
+        Column("slope_e", doc="rise of the ground per way to the east"),
+        Column("slope_n", doc="rise of the ground per way to the north"),
+        Column("height_std", "m", quantity="sigma"),
+    )
+)
+"""What a map of heights says of the ground near the vehicle, at the times of its fixes."""
+VISUAL: Final = Schema(
+    (
+        TIME,
+        Column("end_time", quantity="time", type=TIME_TYPE),
+        *(
+            Column(name, frame="sensor", quantity="rotation", doc="body at the end to body at time")
+            for name in _QUATERNION
+        ),
+        *vector("direction", "xyz", "", "sensor", "direction", "of travel, unit vector in the body at time"),
+        Column("rotation_std", "rad", quantity="sigma", doc="each axis"),
+        Column("direction_std", "rad", quantity="sigma", doc="each way across; null where it does not move"),
+    )
+)
+"""How a camera moved from image to image, in the axes of the box (imu) that it is fixed to."""
 
 STREAMS: Final[Mapping[str, Schema]] = {
     "imu": IMU,
@@ -396,6 +421,8 @@ STREAMS: Final[Mapping[str, Schema]] = {
     "events": EVENTS,
     "metrics": METRICS,
     "frames": FRAMES,
+    "ground": GROUND,
+    "visual": VISUAL,
 }
 
 STEP: Final = _text("step", "the step that made the row; added by the runner")

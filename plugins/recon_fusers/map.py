@@ -23,6 +23,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,12 +31,15 @@ import pyarrow as pa
 
 from recon import (
     ATTITUDE,
+    BARO,
     EVENTS,
     GNSS,
+    GROUND,
     IMU,
     KNOTS,
     RESIDUALS,
     TRAJECTORY,
+    VISUAL,
     WHEEL,
     Array,
     Fuser,
@@ -99,6 +103,9 @@ class MapParams(Params):
     gnss_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the delay of positions; 0 ms where stamps are right.")
     gnss_velocity_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the further delay of velocities.")
     wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
+    baro_noise: float = quantity(0.3, "m", gt=0, doc="Error of a barometer's height, mean of two seconds.")
+    baro_walk: float = quantity(0.02, "m/sqrt(s)", gt=0, doc="Random walk of the air's pressure, as height.")
+    camera_sigma: float = quantity(0.3, "deg", gt=0, doc="How well the camera's mounting in the box is known.")
     first_attitude_sigma: float = quantity(2.0, "deg", gt=0, doc="How well the stream attitude is known, where given.")
     output_rate: float | None = quantity(None, "Hz", gt=0, doc="Rows of the trajectory per second; none: every record.")
 
@@ -109,14 +116,19 @@ def fuse_map(
     gnss: pa.Table,
     wheel: pa.Table | None,
     attitude: pa.Table | None,
+    baro: pa.Table | None = None,
+    ground: pa.Table | None = None,
+    visual: pa.Table | None = None,
     params: MapParams,
 ) -> Streams:
     """The trajectory with sigmas, residuals of every fix, standstills and outages, and every number estimated.
 
     imu : accel m/s^2 (specific force), gyro rad/s, any mounting; gnss : positions or speed; wheel : speed
     attitude : its first row is taken as the attitude of the imu's axes at that time
+    baro : pressure; ground : heights of a map along the way; visual : how a camera moved
     raises : NotEnoughData and DataError where the log cannot tell, with what is missing
     """
+    from recon.aiding import AidTrust, aids_of
     from recon.driving import drive_of, measured, observe, solve
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
@@ -125,10 +137,12 @@ def fuse_map(
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, _trust(params), params.reported_sigmas)
-    drive = drive_of(imu, wheel, observed, start_ns)
+    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma)
+    aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust)
+    drive = replace(drive_of(imu, wheel, observed, start_ns), aids=aids)
     found = solve(drive, _model(params, attitude), _noise(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
-    learnt = [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
+    learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
     return {
         "trajectory": trajectory,
         "knots": knots(found, imu, trajectory),
@@ -218,6 +232,11 @@ def declare_fusers() -> Iterable[Fuser]:
             ),
             "wheel": WHEEL.need("speed", optional=True),
             "attitude": ATTITUDE.need("q", optional=True),
+            "baro": BARO.need("pressure", optional=True),
+            "ground": GROUND.need("lat", "lon", "height", "slope_e", "slope_n", "height_std", optional=True),
+            "visual": VISUAL.need(
+                "end_time", "q", "rotation_std", maybe=["direction", "direction_std"], frame="sensor", optional=True
+            ),
         },
         writes={"trajectory": TRAJECTORY, "knots": KNOTS, "residuals": RESIDUALS, "events": EVENTS},
         run=fuse_map,

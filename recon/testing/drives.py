@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from recon.numerics.geodesy import Anchor, earth_rate_n, enu_to_geodetic, normal_gravity
 from recon.numerics.motion import Drive, MotionTruth, specific_force
-from recon.numerics.rotation import Floats, conjugate, from_euler, heading_from_yaw, multiply, rotate
+from recon.numerics.rotation import Floats, conjugate, from_euler, from_rotvec, heading_from_yaw, multiply, rotate
 from recon.numerics.signals import runs
 from recon.recording import Recording
 from recon.rows import Event, Metric, events, metrics
@@ -28,11 +28,13 @@ from recon.schema import (
     BARO,
     FRAMES,
     GNSS,
+    GROUND,
     IMU,
     MAG,
     RESIDUALS,
     STREAMS,
     TRAJECTORY,
+    VISUAL,
     WHEEL,
     Change,
     Need,
@@ -246,14 +248,39 @@ def _slow(t_s: Floats, rng: np.random.Generator) -> Floats:
 
 
 def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
-    """mag, baro, wheel and frames at 10 Hz."""
+    """mag, baro, wheel, frames, ground and visual at 10 Hz."""
     truth = conditions.truth(0.1)
     rows, noise = len(truth.t_s), conditions.noise
     time = _times(truth.t_s, conditions)
     field_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), FIELD_N)
     height = ANCHOR.height + truth.pos_n[:, 2]
     pressure = 101_325.0 * (1.0 - 2.25577e-5 * height) ** 5.25588
+    plane = truth.pos_n * (1.0, 1.0, 0.0)
+    lat, lon, ground = enu_to_geodetic(plane, ANCHOR)
+    vel_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), truth.vel_n)
+    speed = np.linalg.norm(vel_s, axis=1)
+    q_ns = multiply(truth.q_nv, MOUNTING)
+    turn = multiply(conjugate(q_ns), np.vstack((q_ns[1:], q_ns[-1:])))
     streams = {
+        "ground": build(
+            GROUND,
+            time=time,
+            lat=lat,
+            lon=lon,
+            height=ground,
+            slope_e=np.zeros(rows),
+            slope_n=np.zeros(rows),
+            height_std=np.full(rows, 1.0),
+        ),
+        "visual": build(
+            VISUAL,
+            time=time,
+            end_time=time + 100_000_000,
+            q=multiply(turn, from_rotvec(0.002 * noise * rng.standard_normal((rows, 3)))),
+            direction=vel_s / np.maximum(speed, 1e-9)[:, None],
+            rotation_std=np.full(rows, 0.002),
+            direction_std=np.where(speed > 1.0, 0.02, np.nan),
+        ),
         "mag": build(MAG, time=time, mag=field_s + 3e-7 * noise * rng.standard_normal((rows, 3))),
         "baro": build(BARO, time=time, pressure=pressure + 3.0 * noise * rng.standard_normal(rows)),
         "wheel": build(WHEEL, time=time, speed=np.linalg.norm(truth.vel_n, axis=1)),

@@ -23,7 +23,6 @@ from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
     DRIFT,
     GYRO_BIAS,
-    KNOT_SIZE,
     MOUNT,
     ROLL,
     ROTATION,
@@ -83,18 +82,7 @@ def add_standing(
         root = np.sqrt(weight).T
         i = np.arange(3)
         tall[:, i, i], tall[:, i, i + 3], tall[:, :, 6] = -root, root, -turn.T * root
-        _add_pairs(normal, k, tall)
-
-
-def _add_pairs(normal: Normal, k: NDArray[np.intp], tall: Floats) -> None:
-    """Add relations of the rotations of knots k and k + 1: tall (n, 3, 7)."""
-    gram = np.matmul(tall.swapaxes(1, 2), tall)
-    normal.blocks[k, ROTATION, ROTATION] += gram[:, :3, :3]
-    normal.blocks[k + 1, ROTATION, ROTATION] += gram[:, 3:6, 3:6]
-    normal.blocks[k, ROTATION, KNOT_SIZE + ROTATION.start : KNOT_SIZE + ROTATION.stop] += gram[:, :3, 3:6]
-    normal.border[-1, k, ROTATION] += gram[:, :3, 6]
-    normal.border[-1, k + 1, ROTATION] += gram[:, 3:6, 6]
-    normal.corner[-1, -1] += float(gram[:, 6, 6].sum())
+        normal.add_pairs(ROTATION, tall, k)
 
 
 def relative_turn(state: State, k: NDArray[np.intp]) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.numerics.geodesy import Anchor
+from recon.numerics.smoothing.aids import Aid
 from recon.numerics.smoothing.measurements import Fixes
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.soa import Floats
@@ -79,10 +80,13 @@ class Model:
 
 @dataclass(frozen=True)
 class Drive:
-    """What was logged. wheel_t_s : (w,) s, wheel_speed : (w,) m/s, without rows where there are no wheels' speeds."""
+    """What was logged. wheel_t_s : (w,) s, wheel_speed : (w,) m/s, without rows where there are no wheels' speeds;
+    aids : what other sensors add
+    """
 
     samples: Samples
     fixes: Fixes
     anchor: Anchor
     wheel_t_s: Floats
     wheel_speed: Floats
+    aids: tuple[Aid, ...] = ()

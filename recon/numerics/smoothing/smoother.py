@@ -114,6 +114,7 @@ class Smoother:
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
         self.normal = Normal(samples.intervals + 1)
+        self.aids = [aid.at(knots) for aid in drive.aids]
         self._increments: Increments | None = None
         self.first_rot_ns, self.origin_n = np.eye(3)[..., None], np.zeros(3)
         located = np.asarray(np.isfinite(drive.fixes.pos_sigma).any(axis=1))
@@ -285,6 +286,8 @@ class Smoother:
             add_road(
                 normal, state, gravity, self.knot_rate, self.still_knots, self.length, model.road, model.road_stretch
             )
+        for aid in self.aids:
+            aid.add(normal, state, gravity)
         add_value(normal, 0, GYRO_BIAS, state.gyro_bias[:, 0], model.gyro_bias)
         add_value(normal, 0, ACCEL_BIAS, state.accel_bias[:, 0], model.accel_bias)
         self._add_priors(state)

@@ -1,0 +1,127 @@
+"""Streams beside IMU, GNSS and wheels as what the smoother takes in: barometer, map of heights, camera.
+
+The scale of a barometer's heights comes from those of GNSS, its level from nothing: only climbs are told. The level of
+a map comes from GNSS as well, for datums differ and boxes ride above the ground. Rotations that a camera saw are held
+against the gyroscope's, which tells its bias; its directions of travel are taken as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon.driving import Observed
+from recon.numerics.barometer import height_scale, pressure_height
+from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, slerp, to_rotvec
+from recon.numerics.smoothing import level_rotation, positions_n
+from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
+from recon.numerics.smoothing.soa import mtv
+from recon.rows import Metric
+from recon.tables import Array, has, matrix, seconds, time_ns, vector
+
+_CORRELATED_S: Final = 200.0
+"""s in which errors of GNSS heights are the same."""
+_APART_M: Final = 100.0
+"""m in which errors of maps are the same."""
+
+
+@dataclass(frozen=True)
+class AidTrust:
+    """What is believed of the aids: m; m/sqrt(s); rad, of the mounting of the camera in the axes of the box."""
+
+    baro: float = 0.3
+    baro_walk: float = 0.02
+    camera: float = np.radians(0.3)
+
+
+def aids_of(
+    imu: pa.Table,
+    baro: pa.Table | None,
+    ground: pa.Table | None,
+    visual: pa.Table | None,
+    observed: Observed,
+    start_ns: int,
+    trust: AidTrust,
+) -> tuple[tuple[Aid, ...], list[Metric]]:
+    """The aids that the streams give, and what was learnt of them. start_ns : time zero."""
+    aids: list[Aid] = []
+    learnt: list[Metric] = []
+    if baro is not None and baro.num_rows > 1:
+        climb, found = _climb(baro, observed, start_ns, trust)
+        aids.append(climb)
+        learnt += found
+    if ground is not None and ground.num_rows > 1 and observed.height:
+        plane, found = _ground(ground, observed, start_ns)
+        aids.append(plane)
+        learnt += found
+    if visual is not None and visual.num_rows > 1:
+        aids += [_rate(visual, imu, start_ns), *_direction(visual, start_ns, trust)]
+        learnt.append(Metric("visual_motions", float(visual.num_rows), note="that a camera saw"))
+    return tuple(aids), learnt
+
+
+def _heights(observed: Observed, t_s: Array) -> tuple[Array, Array]:
+    """Heights of the fixes, axes n, and which of them lie inside the times."""
+    fixes = observed.fixes
+    known = np.isfinite(fixes.pos_sigma[2]) & (fixes.t_s >= t_s[0]) & (fixes.t_s <= t_s[-1])
+    return fixes.pos_n[2], np.asarray(known)
+
+
+def _climb(baro: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -> tuple[Climb, list[Metric]]:
+    pressure = vector(baro, "pressure", gaps=True)
+    known = np.isfinite(pressure) & (pressure > 0.0)
+    t_s, height = seconds(baro, since=start_ns)[known], pressure_height(pressure[known])
+    gnss, inside = _heights(observed, t_s)
+    scale, sigma = 1.0, float("nan")
+    if inside.sum() > 2:
+        at_s = observed.fixes.t_s[inside]
+        independent = max(1.0, float(at_s[-1] - at_s[0]) / _CORRELATED_S)
+        both = np.interp(at_s, t_s, height)
+        scale, sigma = height_scale(both, gnss[inside], float(observed.drift[2]), independent)
+    learnt = [Metric("baro_scale", scale, "1", sigma, method="heights of GNSS", note="of the standard atmosphere's")]
+    return Climb(t_s, scale * height, trust.baro, trust.baro_walk), learnt
+
+
+def _ground(ground: pa.Table, observed: Observed, start_ns: int) -> tuple[Ground, list[Metric]]:
+    t_s = seconds(ground, since=start_ns)
+    lat, lon, height = (vector(ground, name) for name in ("lat", "lon", "height"))
+    slope = np.array([vector(ground, "slope_e"), vector(ground, "slope_n")])
+    pos_n = positions_n(lat, lon, height, observed.anchor)
+    rot_nl = level_rotation(pos_n, observed.anchor).swapaxes(0, 1)
+    length = np.sqrt(1.0 + (slope**2).sum(axis=0))
+    normal_n = mtv(rot_nl.swapaxes(0, 1), np.vstack([-slope, np.ones((1, len(t_s)))]) / length)
+    gnss, inside = _heights(observed, t_s)
+    above = gnss[inside] - np.interp(observed.fixes.t_s[inside], t_s, pos_n[2])
+    level = float(np.median(above)) if len(above) else 0.0
+    learnt = [Metric("ground_level", level, "m", method="median", note="heights of GNSS less those of the map")]
+    raised = pos_n + level * rot_nl[:, 2]
+    return Ground(t_s, raised, normal_n, vector(ground, "height_std"), _APART_M), learnt
+
+
+def _rate(visual: pa.Table, imu: pa.Table, start_ns: int) -> Rate:
+    """The mean rate of the gyroscope between images, and that of the camera, (3, m) rad/s."""
+    t_ns, end_ns = time_ns(visual), time_ns(visual, "end_time")
+    inside = (t_ns >= time_ns(imu)[0]) & (end_ns <= time_ns(imu)[-1]) & (end_ns > t_ns)
+    t_ns, end_ns = t_ns[inside], end_ns[inside]
+    gyro, imu_ns = matrix(imu, "gyro"), time_ns(imu)
+    step = from_rotvec(0.5 * (gyro[1:] + gyro[:-1]) * (np.diff(imu_ns) * 1e-9)[:, None])
+    turned = compose(step, np.array([1.0, 0.0, 0.0, 0.0]))
+    first, last = (slerp(at, imu_ns, turned) for at in (t_ns, end_ns))
+    span_s = (end_ns - t_ns) * 1e-9
+    felt = to_rotvec(multiply(conjugate(first), last)) / span_s[:, None]
+    seen = to_rotvec(matrix(visual, "q")[inside]) / span_s[:, None]
+    sigma = vector(visual, "rotation_std")[inside] / span_s
+    middle_s = (t_ns - start_ns + (end_ns - t_ns) // 2) * 1e-9
+    return Rate(middle_s, span_s, felt.T, seen.T, None, sigma)
+
+
+def _direction(visual: pa.Table, start_ns: int, trust: AidTrust) -> list[Direction]:
+    if not (has(visual, "direction") and has(visual, "direction_std")):
+        return []
+    sigma, way = vector(visual, "direction_std", gaps=True), matrix(visual, "direction", gaps=True)
+    known = np.isfinite(sigma) & np.isfinite(way).all(axis=1)
+    t_s = seconds(visual, since=start_ns)[known]
+    return [Direction(t_s, way[known].T, sigma[known], trust.camera)] if known.any() else []

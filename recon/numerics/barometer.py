@@ -1,0 +1,53 @@
+"""Heights from the pressure of the air.
+
+In the standard atmosphere, of 15 degC and 1013.25 hPa at sea level and a lapse of 6.5 K/km,
+
+    h = T0 / L ((p / p0)^(-R L / g) - 1)
+
+Weather moves this height by up to some hundred metres and lets it drift by decimetres in a minute; where the air is
+warmer or colder than standard, differences of height are wrong by its share of the absolute temperature, 3 % for 10 K.
+
+References
+    ISO 2533:1975, Standard atmosphere, clause 2. Groves (2013), 2nd ed., eq. 6.17.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+_TEMPERATURE: Final = 288.15
+_PRESSURE: Final = 101_325.0
+_LAPSE: Final = -0.0065
+_EXPONENT: Final = -287.05287 * _LAPSE / 9.80665
+
+SCALE_SIGMA: Final = 0.04
+"""Of differences of height, for air 12 K from the standard."""
+
+
+def pressure_height(pressure: ArrayLike) -> Floats:
+    """Height above the surface of 1013.25 hPa in the standard atmosphere.
+
+    pressure : (n,) Pa
+    returns : (n,) m
+    """
+    ratio = np.asarray(pressure, dtype=np.float64) / _PRESSURE
+    return np.asarray(_TEMPERATURE / _LAPSE * (ratio**_EXPONENT - 1.0))
+
+
+def height_scale(height: Floats, reference: Floats, sigma: float, independent: float) -> tuple[float, float]:
+    """By how much differences of pressure height must be multiplied, and its sigma, from heights known otherwise.
+
+    The slope of the line through the points, weighed against 1 with SCALE_SIGMA.
+
+    height, reference : (n,) m; sigma : m, of the reference; independent : how many independent errors it has
+    """
+    away, other = height - height.mean(), reference - reference.mean()
+    told = independent * float(np.mean(away**2)) / sigma**2
+    slope = float(np.mean(away * other)) / max(float(np.mean(away**2)), np.finfo(float).tiny)
+    prior = 1.0 / SCALE_SIGMA**2
+    return (prior + told * slope) / (prior + told), float(1.0 / np.sqrt(prior + told))

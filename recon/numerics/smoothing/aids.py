@@ -1,0 +1,254 @@
+"""What other sensors add to IMU and GNSS, as factors of knots: barometers, maps of heights, cameras, steering.
+
+    climb       up (p_k+1 - p_k)            - dh          dh from a barometer, between knots
+    ground      n (p - p_g)                 = 0           on the plane of the ground below, normal n
+    direction   E R^T v / |v|               = 0           E across the direction that a camera saw, sensor axes
+    rate        a (gyro - b_g)              - r           r a turn rate about a, from a camera or from wheels
+
+Each aid is told in its own times, and `at` the knots it becomes factors. All are robust (Cauchy), for a barometer hears
+doors and tunnels, a map does not know bridges, and a camera follows other cars.
+
+References
+    Groves (2013), 2nd ed., sections 6.2 (barometric height), 13.1 (height aiding), 13.3 (visual navigation).
+    Holland, Welsch (1977), Communications in Statistics A6(9) (Cauchy's weights).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.numerics.smoothing.earth import GravityField
+from recon.numerics.smoothing.normal import Normal
+from recon.numerics.smoothing.robust import cauchy_weights
+from recon.numerics.smoothing.soa import Floats, cross, mtv, skew
+from recon.numerics.smoothing.state import GYRO_BIAS, POSITION, ROTATION, VELOCITY, State
+
+_C2: Final = 9.0
+_AROUND_S: Final = 1.0
+"""s before and behind a knot from which an aid's samples count for it."""
+_MOVING: Final = 1.0
+"""m/s above which a direction of travel means something."""
+
+
+class Factors(Protocol):
+    """An aid at the knots of a drive."""
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state."""
+
+
+class Aid(Protocol):
+    """Measurements in their own times."""
+
+    def at(self, knot_t_s: Floats) -> Factors:
+        """The factors at knots (N,) s; those outside of the aid's times are without."""
+
+
+@dataclass(frozen=True)
+class Climb:
+    """Changes of height, from a barometer.
+
+    t_s : (m,) s, rising; height : (m,) m above whatever
+    white : m, sigma of the mean over two seconds; walk : m/sqrt(s), of the pressure of the air
+    """
+
+    t_s: Floats
+    height: Floats
+    white: float
+    walk: float
+
+    def at(self, knot_t_s: Floats) -> ClimbFactors:
+        """Differences of the means around neighbouring knots."""
+        count, (height,) = around(knot_t_s, self.t_s, self.height[None])
+        k = np.flatnonzero((count[1:] > 0) & (count[:-1] > 0))
+        variance = 2.0 * self.white**2 + self.walk**2 * np.diff(knot_t_s)[k]
+        return ClimbFactors(k, np.diff(height)[k], variance)
+
+
+@dataclass(frozen=True)
+class ClimbFactors:
+    """k : (n,) the knots before; rise : (n,) m; variance : (n,) m^2."""
+
+    k: NDArray[np.intp]
+    rise: Floats
+    variance: Floats
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state."""
+        k = self.k
+        up = _up(gravity, k)
+        error = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0) - self.rise
+        root = np.sqrt(cauchy_weights(error**2 / self.variance, _C2) / self.variance)
+        tall = np.stack([*(-up * root), *(up * root), -error * root], axis=-1)[:, None]
+        normal.add_pairs(POSITION, tall, k)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Planes of the ground that the box moves along.
+
+    t_s : (m,) s, rising; pos_n : (3, m) m, a point of the plane, raised by the height of the box; normal_n : (3, m)
+    sigma : (m,) m, of the distance from the plane; apart : m, over which errors of the map are the same
+    """
+
+    t_s: Floats
+    pos_n: Floats
+    normal_n: Floats
+    sigma: Floats
+    apart: float
+
+    def at(self, knot_t_s: Floats) -> GroundFactors:
+        """The plane nearest in time; a stretch of `apart` tells no more than one of its knots."""
+        right = np.clip(np.searchsorted(self.t_s, knot_t_s), 1, len(self.t_s) - 1)
+        nearest = right - (knot_t_s - self.t_s[right - 1] < self.t_s[right] - knot_t_s)
+        k = np.flatnonzero(np.abs(self.t_s[nearest] - knot_t_s) <= _AROUND_S)
+        row = nearest[k]
+        moved = np.sqrt((np.diff(self.pos_n[:, row]) ** 2).sum(axis=0))
+        share = np.clip(np.append(moved, moved[-1:]) / self.apart, 0.01, 1.0)
+        return GroundFactors(k, self.pos_n[:, row], self.normal_n[:, row], self.sigma[row] ** 2 / share)
+
+
+@dataclass(frozen=True)
+class GroundFactors:
+    """k : (n,) knots; pos_n, normal_n : (3, n); variance : (n,) m^2."""
+
+    k: NDArray[np.intp]
+    pos_n: Floats
+    normal_n: Floats
+    variance: Floats
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state."""
+        error = (self.normal_n * (state.pos_n[:, self.k] - self.pos_n)).sum(axis=0)
+        root = np.sqrt(cauchy_weights(error**2 / self.variance, _C2) / self.variance)
+        tall = np.stack([*(self.normal_n * root), -error * root], axis=-1)[:, None]
+        normal.add_knots(POSITION, slice(0, 0), tall, self.k)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Directions of travel as a camera saw them.
+
+    t_s : (m,) s, rising; direction_s : (3, m) unit vectors, axes of the box; sigma : (m,) rad
+    floor : rad, sigma of what all directions have in common, such as the mounting of the camera
+    """
+
+    t_s: Floats
+    direction_s: Floats
+    sigma: Floats
+    floor: float
+
+    def at(self, knot_t_s: Floats) -> DirectionFactors:
+        """Means around the knots."""
+        count, mean = around(knot_t_s, self.t_s, np.vstack([self.direction_s, self.sigma[None]]))
+        length = np.sqrt((mean[:3] ** 2).sum(axis=0))
+        k = np.flatnonzero((count > 0) & (length > 0.5))
+        variance = mean[3, k] ** 2 / count[k] + self.floor**2
+        return DirectionFactors(k, _across(mean[:3, k] / length[k]), variance)
+
+
+@dataclass(frozen=True)
+class DirectionFactors:
+    """k : (n,) knots; across_s : (2, 3, n) two directions across; variance : (n,) rad^2."""
+
+    k: NDArray[np.intp]
+    across_s: Floats
+    variance: Floats
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state: sideways and upwards of the direction nothing, by as much as it is doubted."""
+        rot, vel_n = state.rot_ns[..., self.k], state.vel_n[:, self.k]
+        speed = np.sqrt((vel_n**2).sum(axis=0))
+        error = np.einsum("aim,im->am", self.across_s, mtv(rot, vel_n)) / np.maximum(speed, _MOVING)
+        on = speed > _MOVING
+        weight = cauchy_weights((error**2).sum(axis=0) / self.variance, _C2) / self.variance
+        root = np.sqrt(weight * on) / np.maximum(speed, _MOVING)
+        to_across = np.einsum("aim,jim->ajm", self.across_s, rot)
+        tall = np.zeros((len(self.k), 2, 7))
+        tall[:, :, :3] = (np.einsum("ajm,jkm->akm", to_across, skew(vel_n)) * root).transpose(2, 0, 1)
+        tall[:, :, 3:6] = (to_across * root).transpose(2, 0, 1)
+        tall[:, :, 6] = (-error * root * np.maximum(speed, _MOVING)).T
+        normal.add_knots(slice(ROTATION.start, VELOCITY.stop), slice(0, 0), tall, self.k)
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Turn rates that another sensor saw over spans of the gyroscope's record.
+
+    t_s : (m,) s, middle of each span, rising; span_s : (m,) s
+    gyro_s : (3, m) rad/s, mean of the gyroscope over the span; seen_s : (3, m) rad/s, what the other sensor says
+    axes_s : (3, m) unit vectors, the one axis that it knows, or None where it knows all three
+    sigma : (m,) rad/s, of one span
+    """
+
+    t_s: Floats
+    span_s: Floats
+    gyro_s: Floats
+    seen_s: Floats
+    axes_s: Floats | None
+    sigma: Floats
+
+    def at(self, knot_t_s: Floats) -> RateFactors:
+        """Each knot's spans together: what the gyroscope's bias then is."""
+        axes = np.ones_like(self.gyro_s) if self.axes_s is None else self.axes_s
+        rows = np.vstack([self.gyro_s - self.seen_s, axes, self.sigma[None]])
+        count, mean = around(knot_t_s, self.t_s, rows)
+        k = np.flatnonzero(count > 0)
+        return RateFactors(
+            k, mean[:3, k], None if self.axes_s is None else mean[3:6, k], mean[6, k] ** 2 / np.maximum(count[k], 1)
+        )
+
+
+@dataclass(frozen=True)
+class RateFactors:
+    """k : (n,) knots; bias : (3, n) rad/s; axes_s : (3, n) or None; variance : (n,) (rad/s)^2."""
+
+    k: NDArray[np.intp]
+    bias: Floats
+    axes_s: Floats | None
+    variance: Floats
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state."""
+        error = state.gyro_bias[:, self.k] - self.bias
+        if self.axes_s is None:
+            weight = cauchy_weights((error**2).sum(axis=0) / self.variance, _C2) / self.variance
+            normal.add_values(self.k, GYRO_BIAS, error.T, np.repeat(weight[:, None], 3, axis=1))
+            return
+        along = (self.axes_s * error).sum(axis=0)
+        root = np.sqrt(cauchy_weights(along**2 / self.variance, _C2) / self.variance)
+        tall = np.stack([*(self.axes_s * root), -along * root], axis=-1)[:, None]
+        normal.add_knots(GYRO_BIAS, slice(0, 0), tall, self.k)
+
+
+def around(knot_t_s: Floats, t_s: Floats, rows: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Means of samples within a second of the knots.
+
+    knot_t_s : (N,) s; t_s : (m,) s, rising; rows : (c, m)
+    returns : number of samples (N,), means (c, N), 0 where there is no sample
+    """
+    first = np.searchsorted(t_s, knot_t_s - _AROUND_S)
+    stop = np.searchsorted(t_s, knot_t_s + _AROUND_S, side="right")
+    total = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)], axis=1)
+    count = stop - first
+    return count, (total[:, stop] - total[:, first]) / np.maximum(count, 1)
+
+
+def _up(gravity: GravityField, k: NDArray[np.intp]) -> Floats:
+    """Local up at knots: (3, n), axes n."""
+    pull = gravity.value_n[:, k]
+    return np.asarray(-pull / np.sqrt((pull**2).sum(axis=0)))
+
+
+def _across(direction: Floats) -> Floats:
+    """Two unit vectors across each: (2, 3, n) of (3, n)."""
+    least = np.abs(direction).argmin(axis=0)
+    other = np.zeros_like(direction)
+    other[least, np.arange(direction.shape[1])] = 1.0
+    first = cross(direction, other)
+    first = first / np.sqrt((first**2).sum(axis=0))
+    return np.stack([first, cross(direction, first)])

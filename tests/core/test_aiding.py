@@ -1,0 +1,79 @@
+"""Streams beside IMU, GNSS and wheels: what fuser.map makes of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from recon.aiding import AidTrust, aids_of
+from recon.driving import Trust, observe
+from recon.numerics.barometer import height_scale, pressure_height
+from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate
+from recon.tables import matrix, replace, time_ns
+from recon.testing.drives import Conditions, drive
+
+
+@pytest.fixture(scope="module")
+def streams():
+    return drive(Conditions(noise=0.0))
+
+
+def aids(streams, **chosen):
+    start_ns = int(time_ns(streams["imu"])[0])
+    observed = observe(streams["gnss"], start_ns, Trust(), reported=True)
+    given = {name: chosen.get(name) for name in ("baro", "ground", "visual")}
+    return aids_of(streams["imu"], *given.values(), observed, start_ns, AidTrust())
+
+
+def test_nothing_is_made_of_nothing(streams):
+    assert aids(streams) == ((), [])
+
+
+def test_a_barometer_tells_climbs_with_the_scale_of_gnss(streams):
+    ((climb,), learnt) = aids(streams, baro=streams["baro"])
+    assert isinstance(climb, Climb)
+    assert [row.name for row in learnt] == ["baro_scale"]
+    # The drive is flat, so nothing but the prior tells the scale.
+    assert learnt[0].value == pytest.approx(1.0, abs=1e-6)
+    assert learnt[0].sigma == pytest.approx(0.04, rel=1e-3)
+
+
+def test_heights_of_the_standard_atmosphere():
+    # ISO 2533, table 5: 898.76 hPa at 1000 m and 701.21 hPa at 3000 m of geopotential height 999.84 and 2998.59 m.
+    assert_allclose(pressure_height([101_325.0, 89_876.2, 70_121.1]), [0.0, 999.84, 2998.6], atol=0.1)
+
+
+def test_warm_air_is_seen_against_known_heights():
+    height = np.linspace(0.0, 300.0, 200)
+    scale, sigma = height_scale(height, 1.05 * height + 40.0, sigma=3.0, independent=5.0)
+    # Five independent errors of 3 m on 87 m rms tell the slope to 3 / 87 / sqrt(5) = 1.5 %, against a prior of 4 %.
+    assert sigma == pytest.approx(0.0145, abs=0.0005)
+    assert scale == pytest.approx(1.0 + 0.05 * (1.0 - (sigma / 0.04) ** 2), abs=1e-6)
+
+
+def test_the_level_of_a_map_is_that_of_gnss(streams):
+    ((plane,), learnt) = aids(streams, ground=streams["ground"])
+    assert isinstance(plane, Ground)
+    assert learnt[0].name == "ground_level"
+    assert learnt[0].value == pytest.approx(0.0, abs=0.01)
+    assert_allclose(plane.normal_n[2], 1.0, atol=1e-6)
+    assert_allclose(plane.pos_n[2], 0.0, atol=0.02)
+
+
+def test_a_camera_tells_turn_rates_and_directions(streams):
+    visual = streams["visual"]
+    ((rate, way), learnt) = aids(streams, visual=visual)
+    assert isinstance(rate, Rate)
+    assert isinstance(way, Direction)
+    assert learnt[0].value == visual.num_rows
+    # Turn rates of at most 0.5 rad/s over 0.1 s, the gyroscope's ten samples joined by the trapezoid rule.
+    assert_allclose(rate.seen_s, rate.gyro_s, atol=2e-3)
+    assert len(way.t_s) < visual.num_rows
+
+
+def test_without_directions_a_camera_tells_turn_rates_alone(streams):
+    visual = replace(streams["visual"], direction=np.full((streams["visual"].num_rows, 3), np.nan))
+    assert np.isnan(matrix(visual, "direction", gaps=True)).all()
+    (made, _) = aids(streams, visual=visual)
+    assert [type(aid) for aid in made] == [Rate]

@@ -1,0 +1,176 @@
+"""Barometer, ground, directions and turn rates against rows written out, their differences, and drives with truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from smoothing_drives import Linearised, Log, dense, derivatives, linearised, simulate
+
+from recon.numerics.smoothing import Model, estimate
+from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate, around
+from recon.numerics.smoothing.normal import Normal
+from recon.numerics.smoothing.robust import cauchy_weights
+from recon.numerics.smoothing.soa import mtv
+from recon.numerics.smoothing.state import KNOT_SIZE
+
+# Central differences of a step of 1e-5, relative to the size of a column.
+DIFFERENCE = 1e-6
+SEEDS = range(1, 7)
+POOR = Log(seconds=200.0, kind="nonstop", gyro=np.radians(0.1), accel=0.1, gyro_walk=np.radians(5e-3), accel_walk=5e-3)
+
+
+@pytest.fixture(scope="module")
+def drive() -> Linearised:
+    return linearised(Log(seconds=30.0, kind="nonstop", rest_s=3.0), off=0.01)
+
+
+def check(drive, aid, rows):
+    """The factors are those of weighted rows, whose Jacobian is found by differences; weights are those of now."""
+    factors = aid.at(drive.smoother.drive.samples.knot_times)
+    normal = Normal(drive.state.knots)
+    factors.add(normal, drive.state, drive.gravity)
+    now = rows(factors, drive.state)
+    weight = np.sqrt(cauchy_weights((now**2).sum(axis=0), 9.0))
+    jacobian = derivatives(lambda state: rows(factors, state) * weight, drive.state)
+    jacobian = jacobian.reshape(-1, KNOT_SIZE * drive.state.knots + 21)
+    matrix, right = dense(normal)
+    size = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-4 * np.abs(jacobian).max())
+    assert_allclose((matrix - jacobian.T @ jacobian) / np.outer(size, size), 0.0, atol=DIFFERENCE)
+    residual = (now * weight).ravel()
+    assert_allclose((right + jacobian.T @ residual) / size, 0.0, atol=DIFFERENCE * np.linalg.norm(residual))
+    assert normal.cost == pytest.approx(residual @ residual, rel=1e-9)
+
+
+def test_a_barometer_tells_the_rise_between_knots(drive):
+    t_s = np.arange(0.05, 20.0, 0.1)
+    aid = Climb(t_s, 100.0 + 0.3 * np.sin(t_s), 0.1, 0.05)
+
+    def rows(factors, state):
+        k = factors.k
+        pull = drive.gravity.value_n[:, k]
+        up = -pull / np.linalg.norm(pull, axis=0)
+        rise = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0)
+        return ((rise - factors.rise) / np.sqrt(factors.variance))[None]
+
+    check(drive, aid, rows)
+
+
+def test_the_box_keeps_its_distance_from_the_ground(drive):
+    t_s = np.arange(0.0, 25.0, 1.0)
+    there = drive.sim.at(t_s).pos_n
+    normal_n = np.array([[-0.05], [0.02], [1.0]]) / np.sqrt(1.0029) * np.ones(len(t_s))
+    aid = Ground(t_s, there + 0.2, normal_n, np.full(len(t_s), 0.5), 100.0)
+
+    def rows(factors, state):
+        away = (factors.normal_n * (state.pos_n[:, factors.k] - factors.pos_n)).sum(axis=0)
+        return (away / np.sqrt(factors.variance))[None]
+
+    check(drive, aid, rows)
+
+
+def test_a_camera_tells_the_direction_of_travel(drive):
+    t_s = np.arange(0.0, 30.0, 0.1)
+    truth = drive.sim.at(t_s)
+    vel_s = mtv(truth.rot_ns, truth.vel_n)
+    direction = vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9)
+    aid = Direction(t_s, direction, np.full(len(t_s), 0.03), 0.002)
+
+    def rows(factors, state):
+        vel_n = state.vel_n[:, factors.k]
+        fixed = np.linalg.norm(drive.state.vel_n[:, factors.k], axis=0)
+        seen = np.einsum("aim,im->am", factors.across_s, mtv(state.rot_ns[..., factors.k], vel_n))
+        return seen / np.maximum(fixed, 1.0) / np.sqrt(factors.variance) * (fixed > 1.0)
+
+    check(drive, aid, rows)
+
+
+@pytest.mark.parametrize("one_axis", [False, True])
+def test_another_sensor_of_turns_tells_the_bias_of_the_gyroscope(drive, one_axis):
+    t_s = np.arange(0.0, 30.0, 0.1)
+    count = len(t_s)
+    gyro, seen = np.full((3, count), 0.02), np.tile(np.array([[0.01], [0.015], [0.018]]), count)
+    axes = np.tile(np.array([[0.0], [0.6], [0.8]]), count) if one_axis else None
+    aid = Rate(t_s, np.full(count, 0.1), gyro, seen, axes, np.full(count, 0.01))
+
+    def rows(factors, state):
+        error = (state.gyro_bias[:, factors.k] - factors.bias) / np.sqrt(factors.variance)
+        return error if factors.axes_s is None else (factors.axes_s * error).sum(axis=0)[None]
+
+    check(drive, aid, rows)
+
+
+def test_samples_count_for_the_knots_within_a_second():
+    t_s = np.array([0.0, 0.5, 1.0, 1.5, 9.0])
+    count, mean = around(np.array([0.0, 2.0, 5.0]), t_s, np.array([[1.0, 2.0, 3.0, 4.0, 5.0]]))
+    assert count.tolist() == [3, 2, 0]
+    assert mean.tolist() == [[2.0, 3.5, 0.0]]
+
+
+def height_error(sim, aids):
+    """Errors of the heights of the knots, (N,) m; GNSS says nothing of the vertical velocity."""
+    fixes = sim.drive.fixes
+    flat = replace(fixes, vel_sigma=np.where(np.arange(3)[:, None] == 2, np.inf, fixes.vel_sigma))
+    found = estimate(replace(sim.drive, fixes=flat, aids=aids), Model(), sim.log.noise, learn_noise=False)
+    return (found.solved.state.pos_n - sim.at(sim.drive.samples.knot_times).pos_n)[2]
+
+
+def test_a_barometer_lowers_the_error_of_climbs_and_its_jumps_do_no_harm():
+    """What all heights have in common GNSS alone can tell. Noise, a walk, and half a minute in a tunnel."""
+    gained = []
+    for seed in SEEDS:
+        sim = simulate(Log(seconds=400.0, seed=seed, drift=3.0, gnss_hz=0.5))
+        rng = np.random.default_rng(seed)
+        t_s = np.arange(0.0, 400.0, 0.2)
+        height = sim.at(t_s).pos_n[2] + 0.3 * rng.standard_normal(len(t_s))
+        height += np.cumsum(0.02 * np.sqrt(0.2) * rng.standard_normal(len(t_s)))
+        height[(t_s > 100.0) & (t_s < 130.0)] += 8.0
+        without, with_it = (height_error(sim, aids).std() for aids in ((), (Climb(t_s, height, 0.1, 0.02),)))
+        gained.append(with_it / without)
+    assert np.median(gained) < 0.6
+    assert np.max(gained) < 1.0
+
+
+def test_a_map_of_heights_lowers_the_error_and_a_bridge_is_let_go():
+    """The ground is known to 0.5 m but where the vehicle crosses a bridge, 12 m above it."""
+    for seed in SEEDS:
+        sim = simulate(Log(seconds=300.0, seed=seed, drift=3.0, gnss_hz=0.5))
+        rng = np.random.default_rng(seed)
+        t_s = np.arange(0.0, 300.0, 1.0)
+        ground = sim.at(t_s).pos_n + np.vstack([np.zeros((2, 300)), 0.5 * rng.standard_normal((1, 300))])
+        ground[2, 150:170] -= 12.0
+        up = np.tile(np.array([[0.0], [0.0], [1.0]]), 300)
+        aid = Ground(t_s, ground, up, np.full(300, 0.5), 30.0)
+        with_it, without = (np.sqrt(np.mean(height_error(sim, aids) ** 2)) for aids in ((aid,), ()))
+        assert with_it < 0.6 * without
+
+
+def test_directions_of_a_camera_bound_the_drift_across_in_an_outage_without_wheels():
+    """Half a minute without GNSS, a poor IMU, nothing assumed of wheels: ten directions a second to 0.5 deg each."""
+    gained = []
+    for seed in SEEDS:
+        sim = simulate(replace(POOR, seed=seed))
+        fixes = sim.drive.fixes
+        hidden = (fixes.t_s > 120.0) & (fixes.t_s < 150.0)
+        fixes = replace(fixes, pos_sigma=np.where(hidden, np.inf, fixes.pos_sigma),
+                        vel_sigma=np.where(hidden, np.inf, fixes.vel_sigma))  # fmt: skip
+        t_s = np.arange(0.0, 200.0, 0.1)
+        truth = sim.at(t_s)
+        vel_s = mtv(truth.rot_ns, truth.vel_n)
+        direction = vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9)
+        direction += np.radians(0.5) * np.random.default_rng(seed).standard_normal(direction.shape)
+        aid = Direction(t_s, direction / np.linalg.norm(direction, axis=0), np.full(len(t_s), np.radians(0.5)), 0.002)
+        knots = sim.drive.samples.knot_times
+        inside = (knots > 125.0) & (knots < 145.0)
+        true = sim.at(knots)
+        way = true.vel_n[:2] / np.maximum(np.linalg.norm(true.vel_n[:2], axis=0), 1e-9)
+        error = []
+        for aids in ((), (aid,)):
+            found = estimate(replace(sim.drive, fixes=fixes, aids=aids), Model(wheels=False), sim.log.noise, False)
+            away = (found.solved.state.pos_n - true.pos_n)[:2]
+            error.append(float(np.sqrt(np.mean((way[0] * away[1] - way[1] * away[0])[inside] ** 2))))
+        gained.append(error[1] / error[0])
+    assert max(gained) < 1.0
+    assert np.median(gained) < 0.75
