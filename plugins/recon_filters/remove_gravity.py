@@ -39,7 +39,7 @@ def declare_filters() -> Iterable[Filter]:
         params=GravityParams,
         reads={
             "imu": IMU.need("accel", frame="vehicle", quantity={"accel": "specific_force"}),
-            "attitude": ATTITUDE.need("q"),
+            "attitude": ATTITUDE.need("q", frame="vehicle"),
             "events": EVENTS.need("time", "end_time", "kind", optional=True),
             "gnss": GNSS.need(optional=True),
         },

@@ -96,7 +96,10 @@ def declare_integrators() -> Iterable[Integrator]:
         name="attitude",
         summary="Attitude at every row of imu by composition of its angular rates.",
         params=AttitudeParams,
-        reads={"imu": IMU.need("gyro", frame="vehicle"), "attitude": ATTITUDE.need("q", optional=True)},
+        reads={
+            "imu": IMU.need("gyro", frame="vehicle"),
+            "attitude": ATTITUDE.need("q", frame="vehicle", optional=True),
+        },
         writes={"attitude": ATTITUDE},
         run=integrate_attitude,
         order=3,

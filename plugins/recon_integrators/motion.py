@@ -183,7 +183,7 @@ def declare_integrators() -> Iterable[Integrator]:
         params=MotionParams,
         reads={
             "imu": IMU.need("accel", "gyro", frame="vehicle", quantity={"accel": "acceleration"}),
-            "attitude": ATTITUDE.need("q"),
+            "attitude": ATTITUDE.need("q", frame="vehicle"),
             "events": EVENTS.need("time", "end_time", "kind", optional=True),
             "gnss": GNSS.need(maybe=["pos", "vel"], optional=True),
         },
