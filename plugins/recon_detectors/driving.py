@@ -133,7 +133,7 @@ def _told(chosen: Thresholds, params: DrivingParams) -> Iterator[Metric]:
     for kind, limit in chosen.limits.items():
         own = getattr(params, kind) is not None
         yield Metric(f"{kind}_limit", limit, "m/s^2", method="given" if own else f"{chosen.name} {chosen.version}")
-    yield Metric("cutoff", chosen.cutoff, "Hz", method="two running means without delay")
+    yield Metric("cutoff", chosen.cutoff, "Hz", method="four running means, no delay")
     yield Metric("min_duration", chosen.min_duration, "s")
     yield Metric("min_speed", chosen.min_speed, "m/s")
 

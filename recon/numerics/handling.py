@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from recon.numerics.rotation import Floats, rotate, to_euler
 from recon.numerics.signals import differentiate, interval_mean, runs
 
-HALF_POWER: Final = 0.319
-"""Frequency times width at which two running means, one after the other, pass half of the power: sinc^2 = 1/sqrt(2)."""
+MEANS: Final = 4
+HALF_POWER: Final = 0.22751
+"""Frequency times width at which that many running means pass half of the power: sinc^4 = 1/sqrt(2)."""
 
 
 def intermediate(accel_n: Floats, q: Floats) -> Floats:
@@ -40,13 +41,17 @@ def to_local(vectors: Floats, q: Floats) -> Floats:
 
 
 def smoothed(t_ns: NDArray[np.int64], values: Floats, cutoff_hz: float, max_gap_s: float) -> Floats:
-    """Two running means, which together pass half of the power at the cut-off, without delay: as `values`.
+    """Running means one after the other, which together pass half of the power at the cut-off: as `values`.
+
+    Nothing is delayed, and no edge overshoots, as it does behind a Butterworth filter. Of what is five times as fast as
+    the cut-off 1/150 is left.
 
     t_ns : (n,) ns, strictly increasing; values : (n,) or (n, k)
     """
     width = HALF_POWER / cutoff_hz
-    once = interval_mean(t_ns, t_ns, values, width, max_gap_s)
-    return interval_mean(t_ns, t_ns, once, width, max_gap_s)
+    for _ in range(MEANS):
+        values = interval_mean(t_ns, t_ns, values, width, max_gap_s)
+    return values
 
 
 def rate_of_change(t_ns: NDArray[np.int64], values: Floats, max_gap_s: float) -> Floats:

@@ -53,11 +53,11 @@ def test_relative_positive_acceleration_is_gained_energy_over_the_way():
 
 
 def test_jerk_is_that_of_the_low_passed_edge():
-    """An edge of 5 m/s^2 through two means of width w is a triangle of height 5 / w and base 2 w, of which the square
-    has the integral 2 w (5 / w)^2 / 3; there are two edges."""
-    w = 0.319 / 2.0
+    """The rate of an edge behind four means of width w is a cubic B-spline, of whose square the integral is
+    151 / 315 / w; there are two edges of 5 m/s^2."""
+    w = 0.22751 / 2.0
     found = told(analyzed(braking(5.0)))
-    expected = np.sqrt(2 * (2.0 * w * (5.0 / w) ** 2 / 3.0) / 59.99)
+    expected = np.sqrt(2 * 5.0**2 * 151.0 / 315.0 / w / 59.99)
     assert found["jerk_along_rms"]["value"] == pytest.approx(expected, rel=0.02)
 
 

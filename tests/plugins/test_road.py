@@ -15,11 +15,11 @@ def analyzed(trajectory, happened=None, **params):
 
 
 def test_roughness_is_the_root_mean_square_of_what_shakes():
-    """A sine of 2 m/s^2 at 5 Hz: 2 / sqrt(2). Two means for 20 Hz pass sinc^2(5 * 0.319 / 20), the lines between the
-    samples that they go over sinc^4(5 / 100); what the two for 0.5 Hz pass, sinc^2(5 * 0.319 / 0.5), is taken off."""
+    """A sine of 2 m/s^2 at 5 Hz: 2 / sqrt(2). Four means for 20 Hz pass sinc^4(5 * 0.2275 / 20), the lines between the
+    samples that they go over sinc^8(5 / 100); what the four for 0.5 Hz pass, sinc^4(5 * 0.2275 / 0.5), is taken off."""
     streams = analyzed(bumpy(2.0, 5.0))
-    low = np.sinc(5.0 * 0.319 / 20.0) ** 2 * np.sinc(5.0 / 100.0) ** 4
-    gain = low * (1.0 - np.sinc(5.0 * 0.319 / 0.5) ** 2)
+    low = np.sinc(5.0 * 0.22751 / 20.0) ** 4 * np.sinc(5.0 / 100.0) ** 8
+    gain = low * (1.0 - np.sinc(5.0 * 0.22751 / 0.5) ** 4)
     inner = streams["road"]["roughness"].to_numpy()[1:-1]
     assert inner == pytest.approx(np.full(len(inner), 2.0 / np.sqrt(2.0) * gain), rel=0.005)
 
