@@ -37,6 +37,7 @@ FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
 TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
 BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for form in ("bag", "sqlite3", "mcap")}
+IMAGES = FOLDER / "images"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 T0_S = 518_716_448.0
@@ -65,6 +66,11 @@ def files() -> Iterator[None]:
     TABLE.write_text(table(), encoding="utf-8")
     RECORDS.write_text(json.dumps(records(), indent=1), encoding="utf-8")
     segment(SEGMENT)
+    IMAGES.mkdir()
+    for number in range(30):
+        (IMAGES / f"{1_574_762_400_000 + 40 * number}.jpg").touch()
+    names = sorted(path.name for path in IMAGES.iterdir())
+    (IMAGES / "list.txt").write_text("".join(f"{Path(name).stem} {name}\n" for name in names), encoding="utf-8")
     for form, path in BAGS.items():
         ros_logs.write(path, form)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
@@ -185,6 +191,11 @@ def test_reader_csv(law: BoundLaw) -> None:
 
 @contract("reader.comma2k19", cases=[Case("segment", path=SEGMENT), Case("folder", path=SEGMENT.parent)])
 def test_reader_comma2k19(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.frames", cases=[Case("folder", path=IMAGES), Case("list", path=IMAGES / "list.txt")])
+def test_reader_frames(law: BoundLaw) -> None:
     law()
 
 
