@@ -6,7 +6,7 @@ For readers of logs in which single rows may be damaged.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +14,11 @@ import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
+from recon.numerics.geodesy import geodetic_to_enu
 from recon.rows import Metric, warning
 from recon.schema import Schema
 from recon.tables import Array, build
+from recon_readers._arrays import first_place
 from recon_readers._csv_streams import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
@@ -67,6 +69,24 @@ def stream(
     kept = {name: values[rows] for name, values in found.items() if np.isfinite(values[rows]).any()}
     columns = {name: _integers(values) if name in WHOLE else values for name, values in kept.items()}
     return build(schema.only(*columns), time=t_ns[rows], **columns), learnt
+
+
+def reference_groups(place: Array, vel_n: Array, q: Array) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Columns and facts of the stream reference; both empty where no place is known.
+
+    place : (n, 3) lat, lon deg, height m above the ellipsoid; vel_n : (n, 3) m/s, local; q : (n, 4) body to local;
+    NaN where unknown
+    """
+    with np.errstate(invalid="ignore"):
+        good = np.all(np.abs(place) <= (90.0, 360.0, 1e5), axis=1)
+    place = np.where(np.asarray(good)[:, None], place, np.nan)
+    anchor = first_place(place)
+    if anchor is None:
+        return {}, {}
+    lat, lon, height = place.T
+    pos = geodetic_to_enu(lat, lon, height, anchor)
+    facts = {"anchor": asdict(anchor), "earth": "wgs84", "height_datum": "ellipsoid"}
+    return {"pos": pos, "vel": vel_n, "q": q, "lat": lat, "lon": lon, "height": height}, facts
 
 
 def _possible(source: Source, name: str, values: Array, learnt: list[Metric]) -> Array:

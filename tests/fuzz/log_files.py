@@ -8,6 +8,7 @@ from functools import reduce
 import numpy as np
 import pyarrow as pa
 
+from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.tables import matrix, time_ns, vector
 from recon.testing.drives import drive
 
@@ -148,3 +149,130 @@ def vbo(rows: int = GNSS_ROWS) -> bytes:
         moving = " ".join(f"{value:+.6E}" for value in (*accel[row], *gyro[row]))
         lines.append(f"140 {clock[row]} {place} +0.0000E+00 {moving} +0.0000E+00 ")
     return ("\r\n".join(lines) + "\r\n").encode("latin-1")
+
+
+# --- tracks and solutions -------------------------------------------------------------------------------------------
+
+
+def gpx(rows: int = GNSS_ROWS) -> bytes:
+    """GPX 1.0 has elements for speed and course; a waypoint stands before the track."""
+    table = gnss(rows)
+    times = stamps(table, "%Y-%m-%dT%H:%M:%S", 3)
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<gpx version="1.0" xmlns="http://www.topografix.com/GPX/1/0">']
+    lines += ['<wpt lat="1" lon="2"><time>2001-01-01T00:00:00Z</time></wpt>', "<trk><trkseg>"]
+    for row in range(rows):
+        lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+        moving = f"<course>{np.degrees(course):.3f}</course><speed>{speed:.4f}</speed>"
+        lines.append(
+            f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}"><ele>{height:.3f}</ele><time>{times[row]}Z</time>{moving}'
+            "<fix>3d</fix><sat>12</sat></trkpt>"
+        )
+    return "\n".join([*lines, "</trkseg></trk>", "</gpx>", ""]).encode()
+
+
+def kml(rows: int = GNSS_ROWS) -> bytes:
+    """A gx:Track, and a line without times."""
+    table = gnss(rows)
+    places = zip(*(vector(table, name).tolist() for name in ("lon", "lat", "height")), strict=True)
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">',
+        "<Document><Placemark><LineString><coordinates>1,2,3 4,5,6</coordinates></LineString></Placemark>",
+        "<Placemark><gx:Track><altitudeMode>absolute</altitudeMode>",
+        *(f"<when>{time}Z</when>" for time in stamps(table, "%Y-%m-%dT%H:%M:%S", 3)),
+        *(f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>" for lon, lat, height in places),
+        "</gx:Track></Placemark></Document></kml>",
+    ]
+    return "\n".join([*lines, ""]).encode()
+
+
+def rtklib(rows: int = GNSS_ROWS) -> bytes:
+    """As RTKPOST writes it, times in UTC."""
+    table = gnss(rows)
+    title = (
+        "%  UTC                  latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   sde(m)   sdu(m)"
+        "  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio    vn(m/s)    ve(m/s)    vu(m/s)      sdvn     sdve     sdvu"
+    )
+    lines = ["% program   : RTKPOST ver.2.4.3 b34", "% pos mode  : Kinematic", title]
+    for row, time in enumerate(stamps(table, "%Y/%m/%d %H:%M:%S", 3)):
+        lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+        vel_n, vel_e = speed * np.cos(course), speed * np.sin(course)
+        lines.append(
+            f"{time} {lat:14.9f} {lon:14.9f} {height:10.4f} {1 + row % 2:3d} {12:3d}   0.0101   0.0202   0.0303"
+            f"   0.0000   0.0000   0.0000   0.10    3.5 {vel_n:10.5f} {vel_e:10.5f}    0.00000"
+            "   0.01000  0.02000  0.03000"
+        )
+    return "\n".join([*lines, ""]).encode()
+
+
+WEEK, WEEK_NS = 1930, 604_800_000_000_000
+
+
+def _of_week(table: pa.Table) -> np.ndarray:
+    """Times as seconds of a GPS week of their own, (n,): all samples begin at 100 000 s."""
+    return 100_000.0 + (time_ns(table) - time_ns(gnss())[0]) * 1e-9
+
+
+def trajectory(rows: int = GNSS_ROWS) -> pa.Table:
+    """The truth at the times of gnss."""
+    return drive()["trajectory"].take(list(range(1500, 1500 + 20 * rows, 20)))
+
+
+def sbet(rows: int = GNSS_ROWS) -> bytes:
+    """In a wander frame that is turned by 0.3 rad, x to its north; accelerations and rates are zero."""
+    table = trajectory(rows)
+    lat, lon, height = (vector(table, name) for name in ("lat", "lon", "height"))
+    (east, north, up), wander = matrix(table, "vel").T, np.full(rows, 0.3)
+    yaw, pitch, roll = to_euler(matrix(table, "q"))
+    x, y = north * np.cos(wander) - east * np.sin(wander), north * np.sin(wander) + east * np.cos(wander)
+    columns = [_of_week(table), np.radians(lat), np.radians(lon), height, x, y, up, roll, -pitch]
+    columns += [heading_from_yaw(yaw) + wander, wander, *np.zeros((6, rows))]
+    return np.column_stack(columns).astype("<f8").tobytes()
+
+
+def kf_gins(rows: int = GNSS_ROWS) -> dict[str, bytes]:
+    """Increments of an IMU, positions, and a reference, by file."""
+    table, inertial = gnss(rows), imu(20 * rows)
+    t_s, step_s = _of_week(inertial), float(np.diff(time_ns(inertial))[0]) * 1e-9
+    down = np.array([1.0, -1.0, -1.0]) * step_s
+    moved = np.column_stack([t_s + 0.5 * step_s, matrix(inertial, "gyro") * down, matrix(inertial, "accel") * down])
+    lat, lon, height, speed, course = (vector(table, n) for n in ("lat", "lon", "height", "speed", "course"))
+    place = np.column_stack([_of_week(table), lat, lon, height])
+    sigmas = np.tile([0.01, 0.02, 0.03], (rows, 1))
+    week, still, vel = np.full(rows, float(WEEK)), np.zeros(rows), speed * np.array([np.cos(course), np.sin(course)])
+    truth = np.column_stack([week, place, *vel, still, still, still, np.degrees(course)])
+    return {
+        "imu.txt": _blank_parted(moved, "%15.6f" + " %16.12f" * 6),
+        "gnss.pos": _blank_parted(np.column_stack([place, sigmas]), "%12.4f %14.9f %14.9f %10.4f" + " %7.4f" * 3),
+        "truth.nav": _blank_parted(truth, "%4.0f %12.4f %14.9f %14.9f %10.4f" + " %10.5f" * 6),
+    }
+
+
+def _blank_parted(values: np.ndarray, pattern: str) -> bytes:
+    return "".join(pattern % tuple(row) + "\n" for row in values.tolist()).encode()
+
+
+def kitti(rows: int = 30) -> dict[str, bytes]:
+    """The folder oxts: times, and a packet of 30 numbers for each."""
+    table, inertial = gnss(rows), imu(rows)
+    accel, gyro = matrix(inertial, "accel"), matrix(inertial, "gyro")
+    files = {"oxts/timestamps.txt": "".join(f"{time}\n" for time in stamps(table, "%Y-%m-%d %H:%M:%S", 9)).encode()}
+    for row in range(rows):
+        lat, lon, height, speed, course = (vector(table, n)[row] for n in ("lat", "lon", "height", "speed", "course"))
+        vel = [speed * np.cos(course), speed * np.sin(course), speed, 0.0, 0.0]
+        numbers = [
+            lat,
+            lon,
+            height,
+            0.0,
+            0.0,
+            np.pi / 2 - course,
+            *vel,
+            *accel[row],
+            *accel[row],
+            *gyro[row],
+            *gyro[row],
+        ]
+        text = " ".join(f"{value:.13g}" for value in [*numbers, 0.05, 0.02]) + " 4 12 5 5 6"
+        files[f"oxts/data/{row:010d}.txt"] = text.encode()
+    return files

@@ -336,17 +336,32 @@ def _files(folder: Path, ending: str = "") -> Sample:
 # --- formats of loggers ----------------------------------------------------------------------------------------------
 
 
-def nmea_samples() -> list[Sample]:
-    return [{"drive.nmea": log_files.nmea(20)}]
+def logger_samples() -> dict[str, list[Sample]]:
+    """By reader, short logs as its format says."""
+    kf_gins = log_files.kf_gins(6)
+    return {
+        "nmea": [{"drive.nmea": log_files.nmea(20)}],
+        "ubx": [{"drive.ubx": log_files.ubx(10)}],
+        "vbox": [{"drive.vbo": log_files.vbo(20)}],
+        "gpx": [{"drive.gpx": log_files.gpx(20)}],
+        "kml": [{"drive.kml": log_files.kml(20)}],
+        "rtklib": [{"drive.pos": log_files.rtklib(20)}],
+        "sbet": [{"sbet.out": log_files.sbet(30)}],
+        "kf_gins": [kf_gins, *({name: content} for name, content in kf_gins.items())],
+        "kitti": [log_files.kitti(6)],
+    }
 
 
-def ubx_samples() -> list[Sample]:
-    return [{"drive.ubx": log_files.ubx(10)}]
+_GIVEN: Final = {"ubx": ("at_rest", "up"), "vbox": ("axes", "FLU")}
+"""Parameters without which a reader leaves a stream out."""
 
 
-def vbox_samples() -> list[Sample]:
-    return [{"drive.vbo": log_files.vbo(20)}]
+def logger_target(name: str) -> Target:
+    given = [Override.from_data(f"reader.{name}.{_GIVEN[name][0]}", _GIVEN[name][1])] if name in _GIVEN else []
+    return Target(lambda: logger_samples()[name], read_by(f"reader.{name}", *given))
 
+
+LOGGERS: Final = ("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti")
 
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
@@ -357,9 +372,7 @@ TARGETS: Final[dict[str, Target]] = {
     "yaml": Target(yaml_samples, validate),
     "parquet": Target(parquet_samples, read_by("reader.parquet")),
     "mcap": Target(mcap_samples, read_by("reader.mcap")),
-    "nmea": Target(nmea_samples, read_by("reader.nmea")),
-    "ubx": Target(ubx_samples, read_by("reader.ubx", Override.from_data("reader.ubx.at_rest", "up"))),
-    "vbox": Target(vbox_samples, read_by("reader.vbox", Override.from_data("reader.vbox.axes", "FLU"))),
+    **{name: logger_target(name) for name in LOGGERS},
     "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
     "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
 }

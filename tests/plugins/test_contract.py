@@ -40,6 +40,8 @@ BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for for
 IMAGES = FOLDER / "images"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
+GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "drive.pos", "sbet.out"))
+KF_GINS, KITTI = FOLDER / "kf_gins", FOLDER / "kitti"
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -75,10 +77,26 @@ def files() -> Iterator[None]:
         ros_logs.write(path, form)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
         save_mat(NAVEGO / f"{name}.mat", **{name: fields})
-    for path, content in ((NMEA, log_files.nmea()), (UBX, log_files.ubx()), (VBO, log_files.vbo())):
+    for path, content in logs().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     yield
     shutil.rmtree(FOLDER)
+
+
+def logs() -> dict[Path, bytes]:
+    """Files in the formats of loggers."""
+    return {
+        NMEA: log_files.nmea(),
+        UBX: log_files.ubx(),
+        VBO: log_files.vbo(),
+        GPX: log_files.gpx(),
+        KML: log_files.kml(),
+        POS: log_files.rtklib(),
+        SBET: log_files.sbet(),
+        **{KF_GINS / name: content for name, content in log_files.kf_gins().items()},
+        **{KITTI / name: content for name, content in log_files.kitti().items()},
+    }
 
 
 def fullinertial(rows: int = 400) -> str:
@@ -216,6 +234,39 @@ def test_reader_ubx(law: BoundLaw) -> None:
 
 @contract("reader.vbox", cases=[Case("gnss", path=VBO), Case("imu", VboxParams(axes="FLU"), path=VBO)])
 def test_reader_vbox(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.gpx", cases=[Case(path=GPX)])
+def test_reader_gpx(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.kml", cases=[Case(path=KML)])
+def test_reader_kml(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.rtklib", cases=[Case(path=POS)])
+def test_reader_rtklib(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.sbet", cases=[Case(path=SBET)])
+def test_reader_sbet(law: BoundLaw) -> None:
+    law()
+
+
+@contract(
+    "reader.kf_gins",
+    cases=[Case("folder", path=KF_GINS), *(Case(name, path=KF_GINS / name) for name in log_files.kf_gins())],
+)
+def test_reader_kf_gins(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.kitti", cases=[Case(path=KITTI)])
+def test_reader_kitti(law: BoundLaw) -> None:
     law()
 
 

@@ -1,0 +1,125 @@
+"""KML tracks: gx:Track (a `when` and a `gx:coord` for each point), and placemarks with a time stamp and a point.
+
+Coordinates are longitude, latitude in deg, altitude in m above mean sea level. An altitude counts where altitudeMode is
+absolute; elsewhere it is relative to the ground or ignored by viewers, and left out. Lines without times are drawings,
+no recordings. A file that is cut or damaged is read as far as it is whole.
+
+References: OGC 07-147r2, KML 2.2; OGC 12-007r2, KML 2.3 (Track there without the prefix gx).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from itertools import zip_longest
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from recon.errors import ReadFailed
+from recon.hookspecs import hookimpl
+from recon.parameters import NoParams
+from recon.rows import Metric, metrics, warning
+from recon.schema import GNSS
+from recon.stages import Reader, Sniff
+from recon.tables import Streams, with_meta
+from recon_readers._streams import Source, stream
+from recon_readers._track_xml import Points, number, parse
+
+MOST_POINTS: Final = 4096
+"""Of a track are kept before they are paired."""
+_KML: Final = re.compile(rb"<(?:\w+:)?kml[\s>]")
+
+
+class _Tracks:
+    """Collects the points of tracks and of placemarks with a time."""
+
+    def __init__(self) -> None:
+        self.points = Points(("lat", "lon", "height"))
+        self.count = self.drawn = 0
+        self._inside = self._absolute = False
+        self._whens: list[str] = []
+        self._coords: list[str] = []
+
+    def start(self, name: str, attributes: Mapping[str, str]) -> None:
+        if name in ("Track", "Placemark"):
+            self._begin(inside=name == "Track")
+
+    def end(self, name: str, text: str) -> None:
+        if name == "altitudeMode":
+            self._absolute = text == "absolute"
+        elif name == "when":
+            self._whens.append(text)
+        elif name == "coord" and self._inside:
+            self._coords.append(text)
+        elif name == "coordinates" and not self._inside:
+            places = text.split()
+            self.drawn += len(places) > 1
+            self._coords = places if len(places) == 1 else []
+        elif name in ("Track", "Placemark"):
+            self.finish()
+            self._begin(inside=False)
+        if self._inside and min(len(self._whens), len(self._coords)) >= MOST_POINTS and self._paired():
+            self.finish()
+
+    def _paired(self) -> bool:
+        return len(self._whens) == len(self._coords)
+
+    def _begin(self, *, inside: bool) -> None:
+        self._inside, self._absolute = inside, False
+        self._whens, self._coords = [], []
+
+    def finish(self) -> None:
+        """Pair the times and places that came."""
+        for when, coord in zip_longest(self._whens, self._coords, fillvalue=""):
+            if not (when and coord):
+                continue
+            parts = [number(part) for part in re.split(r"[\s,]+", coord.strip())]
+            lon, lat, height = [*parts, np.nan, np.nan, np.nan][:3]
+            self.points.add(when, {"lat": lat, "lon": lon, "height": height if self._absolute else np.nan})
+            self.count += 1
+        self._whens, self._coords = [], []
+
+
+def read(path: Path, params: NoParams) -> Streams:
+    """The stream gnss. Raises ReadFailed where no point has a time."""
+    tracks = _Tracks()
+    line, reason = parse(path, tracks)
+    tracks.finish()
+    if not tracks.count:
+        what = "no point in it has a time" + (f", {tracks.drawn} lines are drawn" if tracks.drawn else "")
+        what = f"it is damaged here: {reason}" if reason else what
+        hint = "a recorded track is a gx:Track with a 'when' for each point: export it as that, or as GPX"
+        raise ReadFailed(path, what, line=line or 1, hint=hint)
+    t_ns, missing = tracks.points.times()
+    groups = {name: tracks.points.column(name) for name in tracks.points.names}
+    gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, groups)
+    if gnss is None:
+        raise ReadFailed(
+            path, "none of its points has a time and a place", line=line or 1, hint="is it the right file?"
+        )
+    learnt = [Metric("points", float(tracks.count)), *told]
+    if reason:
+        learnt.append(warning(f"{path.name} is damaged in line {line} ({reason}): what comes behind is not read"))
+    table = with_meta(gnss, clock="absolute", format="KML", time_scale="UTC", height_datum="mean_sea_level")
+    return {"gnss": table, "metrics": metrics(learnt)}
+
+
+def sniff(path: Path, head: bytes) -> Sniff:
+    """The element kml."""
+    plain = head.replace(b"\0", b"")  # UTF-16
+    return Sniff(0.95, "an element kml") if _KML.search(plain[:4096]) else Sniff(0.0, "no element kml")
+
+
+@hookimpl
+def declare_readers() -> Iterable[Reader]:
+    """The reader of KML."""
+    yield Reader(
+        name="kml",
+        summary="KML: gx:Track, and placemarks with a time stamp.",
+        run=read,
+        sniff=sniff,
+        writes={"gnss": GNSS.only("lat", "lon", "height").possible()},
+        references=("OGC 07-147r2, KML 2.2", "OGC 12-007r2, KML 2.3"),
+    )
