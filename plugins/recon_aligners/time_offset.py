@@ -7,7 +7,10 @@ so best is taken off every stamp of gnss:
     t_new = t - lag
 
 The lag is that of velocities; those and positions of one fix are taken to be equally late. Where no lag stands out,
-nothing is shifted. See recon.numerics.smoothing.lag for the model.
+nothing is shifted. See recon.numerics.smoothing.lag for the model. A lag that is known, and how fast it grows, as
+`recon doctor` finds them, may be given instead:
+
+    t_new = t - shift - drift (t - first row of imu)
 
 References
     Knapp, Carter (1976), "The generalized correlation method for estimation of time delay", IEEE T-ASSP 24(4).
@@ -47,6 +50,8 @@ class TimeOffsetParams(Params):
     """Parameters of aligner.time_offset."""
 
     largest: float = quantity(2.0, "s", gt=0, le=60, doc="Lags are sought up to this, late and early.")
+    shift: float | None = quantity(None, "s", doc="Taken off every stamp of gnss; none: found from the drive.")
+    drift: float = quantity(0.0, "us/s", ge=-1e5, le=1e5, doc="By how much the clock of gnss gains on that of imu.")
 
 
 def shift_gnss(*, imu: pa.Table, gnss: pa.Table, params: TimeOffsetParams) -> Streams:
@@ -57,6 +62,8 @@ def shift_gnss(*, imu: pa.Table, gnss: pa.Table, params: TimeOffsetParams) -> St
 
     if not imu.num_rows:
         raise NotEnoughData("rows in imu", needed="1", found="0")
+    if params.shift is not None or params.drift:
+        return _as_told(imu, gnss, params.shift or 0.0, params.drift)
     speed = speed_of(gnss)
     if speed is None:
         return _unshifted(gnss, "gnss holds no speed")
@@ -73,6 +80,13 @@ def shift_gnss(*, imu: pa.Table, gnss: pa.Table, params: TimeOffsetParams) -> St
     note = "positive: fixes were stamped too late; taken off the times of gnss"
     learnt = Metric("gnss_delay", lag.seconds, "s", lag.sigma, method="regression on the IMU", note=note)
     return {"gnss": shifted, "metrics": metrics([learnt])}
+
+
+def _as_told(imu: pa.Table, gnss: pa.Table, shift: float, drift: float) -> Streams:
+    since_s = seconds(gnss, since=int(time_ns(imu)[0]))
+    off_ns = np.rint(1e9 * (shift + drift * (since_s - shift))).astype(np.int64)
+    learnt = Metric("gnss_delay", shift, "s", method="given", note="taken off the times of gnss")
+    return {"gnss": replace(gnss, time=times(time_ns(gnss) - off_ns)), "metrics": metrics([learnt])}
 
 
 def _unshifted(gnss: pa.Table, why: str) -> Streams:

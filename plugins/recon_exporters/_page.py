@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 from recon.storage.json_text import to_json
+from recon_exporters._findings import is_finding
 
 Json = dict[str, Any]
 
@@ -49,12 +50,13 @@ def shown(value: float, sigma: float | None = None, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
-def page(facts: Json, track: str, charts: str, closeups: str, notes: Sequence[str]) -> str:
+def page(facts: Json, findings: str, track: str, charts: str, closeups: str, notes: Sequence[str]) -> str:
     """The whole document."""
     title = escape(facts["name"])
     parts = [
         f"<header><h1>{title}</h1>{_head(facts)}</header>",
         _warnings(facts["warnings"]),
+        section("What the data say of the log's conventions", findings),
         section("Track", track),
         section("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
         section("Crashes, closer", closeups),
@@ -213,7 +215,7 @@ def _learnt(facts: Json) -> str:
     rows = (
         (_name(row["name"]), number(row["value"], digits=6), escape(row["unit"] or ""), *_remarks(row))
         for row in facts["metrics"]
-        if not _is_estimate(row) and row["name"] != "warning"
+        if not _is_estimate(row) and not is_finding(row) and row["name"] != "warning"
     )
     return table(("name", "value", "unit", "method", "note", "step"), rows)
 

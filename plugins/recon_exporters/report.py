@@ -16,6 +16,7 @@ from typing import Final
 
 import pyarrow as pa
 
+from recon.doctor import findings_in
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import Params, quantity
@@ -26,6 +27,7 @@ from recon.tables import time_ns
 from recon_exporters._chart import Span, Window, events_key, figure
 from recon_exporters._decimate import SPANS
 from recon_exporters._facts import facts_of
+from recon_exporters._findings import findings_section
 from recon_exporters._page import page
 from recon_exporters._panels import FARTHEST, Panel, panels_of
 from recon_exporters._track_map import track_map
@@ -53,7 +55,7 @@ def report(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, par
     """Write `folder/report.html` and `folder/report.json`; their paths."""
     facts = facts_of(streams, about, params.max_gap)
     drawn = _drawings(streams, params.max_gap)
-    text = page(facts, drawn.track, drawn.charts, drawn.closeups, drawn.notes)
+    text = page(facts, drawn.findings, drawn.track, drawn.charts, drawn.closeups, drawn.notes)
     paths = [folder / "report.html", folder / "report.json"]
     for path, content in zip(paths, (text, to_json(facts, indent=1) + "\n"), strict=True):
         path.write_text(content, encoding="utf-8", errors="backslashreplace")
@@ -64,6 +66,7 @@ def report(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, par
 class Drawings:
     """Figures as HTML, and what one must know of them."""
 
+    findings: str
     track: str
     charts: str
     closeups: str
@@ -73,14 +76,21 @@ class Drawings:
 def _drawings(streams: Mapping[str, pa.Table], max_gap: float) -> Drawings:
     recorded = Recording(streams).span_ns()
     if recorded is None:
-        return Drawings("", "", "", ("The run holds no rows.",))
+        return Drawings("", "", "", "", ("The run holds no rows.",))
     spans, panels = _spans(streams.get("events")), panels_of(streams)
     start = recorded[0]
     lasts = [int(curve.t_ns[-1]) for panel in panels for curve in panel.curves]
     whole = Window(start, max([*lasts, start + _SHORTEST]), start)
     charts = events_key(spans) + "".join(figure(panel, whole, spans, max_gap) for panel in panels)
     closeups = _closeups(panels, spans, start, max_gap)
-    return Drawings(track_map(streams, spans, start, max_gap), charts, closeups, _notes(whole, start, panels))
+    findings = findings_section(findings_in(streams.get("metrics")), _start_of_evidence(streams, start))
+    return Drawings(findings, track_map(streams, spans, start, max_gap), charts, closeups, _notes(whole, start, panels))
+
+
+def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:
+    """Findings count from the first row of imu, else of gnss."""
+    tables = (streams[name] for name in ("imu", "gnss") if name in streams and streams[name].num_rows)
+    return next((int(time_ns(table)[0]) for table in tables), start)
 
 
 def _spans(events: pa.Table | None) -> list[Span]:

@@ -30,6 +30,7 @@ from pydantic import (
     model_validator,
 )
 
+from recon.numerics.axes import is_earth, turn
 from recon.parameters import Params, setting
 from recon.problems import did_you_mean
 from recon.schema import STREAMS
@@ -39,29 +40,6 @@ _TEXTS: Final = ("iso", "day_first", "month_first")
 _ZONE: Final = re.compile(r"[+-]\d\d:?[0-5]\d")
 DEGREES: Final = ("lat", "lon")
 """Groups whose unit need not be told."""
-_BOX: Final = {"F": (0, 1.0), "B": (0, -1.0), "L": (1, 1.0), "R": (1, -1.0), "U": (2, 1.0), "D": (2, -1.0)}
-_EARTH: Final = {"E": (0, 1.0), "W": (0, -1.0), "N": (1, 1.0), "S": (1, -1.0), "U": (2, 1.0), "D": (2, -1.0)}
-
-
-def turn(axes: str) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Where in a log's x, y, z the axes forward, left, up are found, or east, north, up, and with which signs.
-
-    axes : where x, y and z point: three letters of F B L R U D, or of E W N S U D. Raises ValueError.
-    """
-    known = _EARTH if set(axes) & set("EWNS") else _BOX
-    lines = [known[letter] for letter in axes if letter in known]
-    if len(axes) != 3 or sorted(line for line, _ in lines) != [0, 1, 2]:
-        raise ValueError(
-            f"'{axes:.20}' does not say where x, y and z point: write three letters such as FLU (forward, left, up), "
-            "FRD, RFU, ENU or NED"
-        )
-    found = sorted((line, index, sign) for index, (line, sign) in enumerate(lines))
-    return tuple(index for _, index, _ in found), tuple(sign for _, _, sign in found)
-
-
-def is_earth(axes: str) -> bool:
-    """Do the letters name directions of the Earth?"""
-    return bool(set(axes) & set("EWNS"))
 
 
 def _reference(value: Any) -> Any:

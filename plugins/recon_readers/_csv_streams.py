@@ -11,12 +11,13 @@ import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
+from recon.numerics.axes import is_earth, turn
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.schema import STREAMS, Column, spread
 from recon.tables import Array, build, with_meta
 from recon.units import convert
-from recon_readers._csv_mapping import Accel, Gnss, Stream, Vector, is_earth, turn
+from recon_readers._csv_mapping import Accel, Gnss, Stream, Vector
 from recon_readers._csv_sheet import Cells, Sheet
 from recon_readers._csv_time import Clock
 from recon_readers._fresh_rows import Seen, gnss_rows, imu_rows, see
@@ -160,6 +161,8 @@ def fresh_rows(
         what = f"time is missing, repeats or runs backwards in {int(faults.sum())} of {n} rows"
         first = f"first in line {sheet.place(int(faults.argmax()), 0)[0]}"
         learnt.append(Metric("rows_dropped", float(faults.sum()), method=mapping.stream, note=f"{what}, {first}"))
+        for name, mask in (("rows_of_one_time", faults & ~late), ("rows_out_of_order", faults & late)):
+            learnt += [Metric(name, float(mask.sum()), method=mapping.stream)] * bool(mask.any())
         learnt.append(warning(f"dropped from {sheet.path.name}, {mapping.stream}: {what}, {first}"))
     return Fresh(rows, tuple(learnt))
 

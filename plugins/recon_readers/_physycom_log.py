@@ -168,7 +168,8 @@ def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:
     missing, repeats or is out of line.
     """
     n, cut = len(log.time_ns), log.cut_line is not None
-    faults = log.untimed | repeating(log.time_ns, sensors.values())
+    again = repeating(log.time_ns, sensors.values()) & ~log.untimed
+    faults = log.untimed | again
     empty = ~np.logical_or.reduce(list(sensors.values())) & ~faults
     reasons = [f"the last row, line {log.cut_line}, was cut off"] if cut else []
     if faults.any():
@@ -185,6 +186,11 @@ def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:
         Metric("rows_read", float(n + cut)),
         Metric("rows_used", float(n + cut - dropped)),
         Metric("rows_dropped", float(dropped), note="; ".join(reasons)),
+        *(
+            Metric(name, float(mask.sum()))
+            for name, mask in (("rows_of_one_time", again), ("rows_out_of_order", log.untimed))
+            if mask.any()
+        ),
     ]
     return ~faults, counts + warnings
 

@@ -15,6 +15,7 @@ from recon.cli.batch import batch
 from recon.cli.compare import compare
 from recon.cli.convert import convert
 from recon.cli.demo import demo
+from recon.cli.doctor import doctor
 from recon.cli.evaluate import evaluate
 from recon.cli.explain import explain
 from recon.cli.export import export
@@ -35,7 +36,7 @@ UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
 _VERBS: Final = (
-    *(run, batch, fleet, validate, inspect, evaluate, compare, measure),
+    *(run, batch, fleet, validate, inspect, doctor, evaluate, compare, measure),
     *(explain, seal, verify),
     *(plugins, export, view, convert, demo, schema, new_plugin),
 )

@@ -123,3 +123,12 @@ def test_it_declares_itself():
     (record,) = declare_aligners()
     assert record.key == "aligner.time_offset"
     assert not record.faults()
+
+
+def test_a_lag_that_is_known_and_grows_is_taken_off():
+    streams = drive()
+    result = shifted(streams, TimeOffsetParams(shift=18.0, drift=1e-3))
+    since_s = (time_ns(streams["gnss"]) - time_ns(streams["imu"])[0]) * 1e-9
+    # Times are whole nanoseconds.
+    np.testing.assert_allclose(moved_s(streams, result), -18.0 - 1e-3 * (since_s - 18.0), rtol=0.0, atol=1e-9)
+    assert delay(result)[0] == 18.0

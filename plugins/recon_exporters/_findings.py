@@ -1,0 +1,68 @@
+"""What analyzer.doctor found, as a part of the page: each contradiction in words, with the curves that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any, Final
+
+import numpy as np
+
+from recon.doctor import PREFIX
+from recon_exporters._chart import Window, figure
+from recon_exporters._panels import Curve, Panel
+
+_ROLES: Final = ("x", "y", "z")
+_NO_LINE_OVER_S: Final = 1e9
+"""Curves of evidence are thinned: between their points nothing is missing."""
+_HEADS: Final = {"confirmed": "Confirmed", "unknown": "Not told by this log"}
+
+
+def is_finding(row: Mapping[str, Any]) -> bool:
+    """Is a row of metrics one of analyzer.doctor's?"""
+    return str(row["name"] or "").startswith(PREFIX)
+
+
+def findings_section(found: Iterable[Mapping[str, Any]], start_ns: int) -> str:
+    """HTML; "" without a finding. start_ns : zero of the times of evidence"""
+    some = list(found)
+    parts = [_at_length(one, start_ns) for one in some if one["status"] == "contradicted"]
+    if some and not parts:
+        parts.append("<p>The data contradict nothing.</p>")
+    for status, head in _HEADS.items():
+        lines = "".join(
+            f"<li><b>{escape(one['code'])}</b>{_value(one)}: {escape(one['explanation'])}</li>"
+            for one in some
+            if one["status"] == status
+        )
+        parts.append(f"<h3>{head}</h3><ul>{lines}</ul>" if lines else "")
+    return "".join(parts)
+
+
+def _value(one: Mapping[str, Any]) -> str:
+    value = one["value"]
+    if value is None:
+        return ""
+    return f" = {escape(value if isinstance(value, str) else f'{value:.4g}')}"
+
+
+def _at_length(one: Mapping[str, Any], start_ns: int) -> str:
+    sure = f"{100.0 * one['confidence']:.1f} % sure"
+    fix = f"<p>Put right by:</p><pre>{escape(one['yaml'])}</pre>" if one["yaml"] else ""
+    head = f"<h3>{escape(one['code'])}{_value(one)} <small>({sure})</small></h3>"
+    return f"{head}<p>{escape(one['explanation'])}</p>{_figure(one.get('evidence'), one['code'], start_ns)}{fix}"
+
+
+def _figure(evidence: Mapping[str, Any] | None, code: str, start_ns: int) -> str:
+    if not evidence:
+        return ""
+    curves = []
+    for role, told in zip(_ROLES, evidence["curves"], strict=False):
+        t_ns = start_ns + np.rint(1e9 * np.asarray(told["t_s"])).astype(np.int64)
+        if len(t_ns):
+            curves.append(Curve(told["name"], "accepted" if told["points"] else role, t_ns, np.asarray(told["values"])))
+    if not curves:
+        return ""
+    first, last = min(int(c.t_ns[0]) for c in curves), max(int(c.t_ns[-1]) for c in curves)
+    panel = Panel(f"evidence_{code}", evidence["title"], evidence["unit"], "evidence", curves)
+    return figure(panel, Window(first, max(last, first + 1_000_000), start_ns), (), _NO_LINE_OVER_S)

@@ -1,0 +1,134 @@
+"""`recon doctor`: what a log's own data say of its units, axes, clocks, samples and receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
+
+if TYPE_CHECKING:
+    from recon.overrides import Override
+
+STAGE: Final = "analyzer.doctor"
+_HEADS: Final = {
+    "contradicted": "contradicted by the data",
+    "confirmed": "confirmed",
+    "unknown": "not told by this log",
+}
+_WIDTH: Final = 100
+
+
+def doctor(
+    paths: Annotated[list[Path], typer.Argument(metavar="LOG", help="A log, or several files of one drive.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Keep the findings there, with a report that shows the evidence."),
+    ] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a pipeline that puts right what was found, as far as one can."),
+    ] = None,
+    settings: Settings = None,
+    overwrite: Overwrite = False,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find out what is wrong with a log before a result is believed: units, axes, clocks, samples, receiver.
+
+    The exit code is 0 whatever it finds.
+
+    Example: recon doctor drive.txt --write fixed.yaml
+    """
+    from recon import api
+    from recon.doctor import findings_in
+    from recon.pipeline import Pipeline
+
+    overrides = overrides_of(settings)
+    _refuse_existing(write, overwrite)
+    pipeline = Pipeline.of("doctor", "reader.auto", STAGE)
+    exports = ["report"] if out is not None else []
+    registry = registry_of(blocked, first_party_only)
+    run = api.execute(pipeline, paths, out, overrides, registry=registry, exports=exports, overwrite=overwrite)
+    found = findings_in(run.metrics)
+    if write is not None:
+        write.write_text(_repaired(found, overrides), encoding="utf-8")
+    shown = [{key: value for key, value in one.items() if key != "evidence"} for one in found]
+    if as_json:
+        console.write_json({"paths": [str(path) for path in paths], "findings": shown})
+        return
+    own = {one["explanation"] for one in found}
+    others = [text for text in run.warnings if text.partition(": ")[2] not in own]
+    console.write(_as_text(", ".join(map(str, paths)), shown, others))
+    places = {"report": out / "exports" / "report" / "report.html" if out else None, "pipeline": write}
+    for name, place in places.items():
+        if place is not None:
+            console.write(f"{name}: {place}")
+
+
+def _refuse_existing(write: Path | None, overwrite: bool) -> None:
+    from recon.errors import ConfigError
+    from recon.problems import Problem
+
+    if write is not None and write.exists() and not overwrite:
+        raise ConfigError([Problem(None, "exists", f"{write} exists", "--overwrite replaces it")])
+
+
+def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) -> str:
+    """YAML of the pipeline that puts right what was found."""
+    from recon.doctor import merged, repaired
+    from recon.yaml_nodes import load
+
+    fixes = []
+    for one in found:
+        steps: Any = load(one["yaml"], "<doctor>").plain() if one["yaml"] else []
+        fixes.append({step["use"]: step["params"] for step in steps})
+    readers: Any = {option.step: option.params.plain() for option in overrides if option.step.startswith("reader.")}
+    return repaired(merged(fixes), readers).to_yaml()
+
+
+def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]) -> str:
+    counts = {status: sum(one["status"] == status for one in found) for status in _HEADS}
+    told = ", ".join(f"{count} {_HEADS[status]}" for status, count in counts.items())
+    lines = [f"{name}: {told}"]
+    for status, head in _HEADS.items():
+        some = [one for one in found if one["status"] == status]
+        if not some:
+            continue
+        lines += ["", head]
+        if status == "contradicted":
+            for one in some:
+                lines += _at_length(one)
+        else:
+            lines.append(
+                console.table([(one["code"], _value(one), _first_sentence(one["explanation"])) for one in some])
+            )
+    lines += ["", *(f"note: {text}" for text in warnings)] if warnings else []
+    return "\n".join(lines)
+
+
+def _at_length(one: dict[str, Any]) -> list[str]:
+    """A finding that matters, in full, and what to do."""
+    import textwrap
+
+    lines = [f"  {one['code']} = {_value(one)}   ({100.0 * one['confidence']:.1f} % sure)"]
+    lines += textwrap.wrap(one["explanation"], _WIDTH, initial_indent="    ", subsequent_indent="    ")
+    if one["yaml"]:
+        lines += ["    put right by", *(f"      {line}" for line in one["yaml"].rstrip().split("\n"))]
+    return lines
+
+
+def _value(one: dict[str, Any]) -> str:
+    value = one["value"]
+    if value is None:
+        return "-" if one["status"] != "confirmed" else "yes"
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _first_sentence(text: str) -> str:
+    return text.split(". ")[0].rstrip(".") + "."

@@ -1,0 +1,176 @@
+"""Findings on their way from analyzer.doctor to people and programs: as metrics, as JSON, as a pipeline that puts right
+what can be put right.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon.numerics.doctor import Claims, Finding
+from recon.numerics.doctor.units import ACCELERATIONS, RATES, SPEEDS, scale_of
+from recon.pipeline import Pipeline, Step
+from recon.problems import Where
+from recon.rows import Metric
+from recon.yaml_nodes import Node
+
+PREFIX: Final = "finding_"
+_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "speed_unit": SPEEDS,
+    "accel_unit": ACCELERATIONS,
+    "gyro_unit": RATES,
+}
+_SWAPPED: Final = {"swap x y": "LFU", "swap x z": "ULF", "swap y z": "FUL"}
+"""Where the axes point as they are called; two of them in the wrong place make them left-handed."""
+Json = dict[str, Any]
+Fix = dict[str, Json]
+"""Parameters by stage."""
+
+
+def as_data(one: Finding) -> Json:
+    """One finding as JSON data: what `recon doctor --json` lists."""
+    return {
+        "code": one.code,
+        "status": one.status,
+        "value": one.value,
+        "confidence": round(one.confidence, 4),
+        "statistic": {name: value for name, value in one.statistic.items() if np.isfinite(value)},
+        "explanation": one.explanation,
+        "yaml": one.yaml,
+    }
+
+
+def metric_of(one: Finding) -> Metric:
+    """A finding as a row: its value where it is a number, its status as method, everything as JSON in the note, the
+    picture as `evidence`.
+    """
+    data = as_data(one)
+    if one.picture is not None:
+        data["evidence"] = {
+            "title": one.picture.title,
+            "unit": one.picture.unit,
+            "curves": [
+                {"name": c.name, "points": c.points, "t_s": _rounded(c.t_s), "values": _rounded(c.values)}
+                for c in one.picture.curves
+            ],
+        }
+    value = float(one.value) if isinstance(one.value, float | int) else None
+    return Metric(f"{PREFIX}{one.code}", value, method=one.status, note=json.dumps(data, allow_nan=False))
+
+
+def _rounded(values: Sequence[float] | np.ndarray) -> list[float]:
+    return [float(f"{value:.6g}") for value in np.asarray(values)]
+
+
+def findings_in(metrics: pa.Table | None) -> list[Json]:
+    """The findings among rows of metrics, each as `as_data` gives it, perhaps with `evidence`."""
+    if metrics is None:
+        return []
+    rows = metrics.select(["name", "note"]).to_pylist()
+    return [json.loads(row["note"]) for row in rows if (row["name"] or "").startswith(PREFIX)]
+
+
+def fix_of(one: Finding, claims: Claims, reader: str, letters: str) -> Fix:
+    """Parameters by stage that put right what a finding contradicts; {} where nothing of ours does.
+
+    reader : key of the reader, such as reader.physycom; letters : where x, y, z point, "" where not known
+    """
+    if one.status != "contradicted":
+        return {}
+    if one.code in _UNITS:
+        return _fix_of_unit(one, claims, reader)
+    value = one.value
+    if one.code == "gravity_sign":
+        if reader == "reader.csv":
+            return {reader: {"columns": {"imu": {"accel": {"at_rest": value}}}}}
+        return {"aligner.axes": {"at_rest": "down"}}
+    if one.code == "inverted_axis":
+        sensor, _, axis = str(value).partition("_")
+        return {"aligner.axes": {"inverted": [f"{sensor}_{name}" for name in axis or "xyz"]}}
+    if one.code == "axes" and value in _SWAPPED:
+        return {"aligner.axes": {"axes": _SWAPPED[str(value)]}}
+    if one.code in ("forward_axis", "axes") and letters:
+        return {"aligner.axes": {"axes": letters}}
+    if one.code in ("leap_seconds", "time_zone", "gnss_velocity_lag"):
+        return {"aligner.time_offset": {"shift": float(value or 0.0) * (3600.0 if one.code == "time_zone" else 1.0)}}
+    if one.code == "clock_drift" and isinstance(value, float):
+        return {"aligner.time_offset": {"drift": value}}
+    return {}
+
+
+def _fix_of_unit(one: Finding, claims: Claims, reader: str) -> Fix:
+    """The unit in the mapping of a text, in the parameter of physycom; else the factor by which the imu is wrong."""
+    value = str(one.value)
+    if value == "gravity removed":
+        return {}
+    stream, group = {"speed_unit": ("gnss", "speed"), "accel_unit": ("imu", "accel"), "gyro_unit": ("imu", "gyro")}[
+        one.code
+    ]
+    factor = scale_of(_UNITS[one.code], getattr(claims, one.code), value)
+    if reader == "reader.csv":
+        said = {"scale": factor} if value.startswith("times ") else {"unit": value}
+        return {reader: {"columns": {stream: {group: said}}}}
+    if one.code == "speed_unit":
+        return {reader: {"speed_unit": value}} if reader == "reader.physycom" and value in ("km/h", "m/s") else {}
+    return {"aligner.axes": {f"{group}_scale": float(f"{factor:.6g}")}}
+
+
+def yaml_of(fix: Mapping[str, Json]) -> str:
+    """Steps that a user may copy into his pipeline; "" without any."""
+    import yaml
+
+    steps = [{"use": stage, "params": _with_units(stage, params)} for stage, params in fix.items()]
+    return str(yaml.safe_dump(steps, sort_keys=False, default_flow_style=None)) if steps else ""
+
+
+def _with_units(stage: str, params: Json) -> Json:
+    if stage != "aligner.time_offset":
+        return params
+    units = {"shift": "s", "drift": "us/s"}
+    return {key: f"{value:g} {units[key]}" for key, value in params.items()}
+
+
+def merged(fixes: Iterable[Mapping[str, Json]]) -> Fix:
+    """All fixes together: shifts add up, lists are joined, mappings are merged."""
+    found: Fix = {}
+    for fix in fixes:
+        for stage, params in fix.items():
+            found[stage] = _laid_over(found.get(stage, {}), params)
+    return found
+
+
+def _laid_over(under: Json, over: Json) -> Json:
+    made = dict(under)
+    for key, value in over.items():
+        if key not in made:
+            made[key] = value
+        elif isinstance(value, dict):
+            made[key] = _laid_over(made[key], value)
+        elif isinstance(value, list) or key == "shift":
+            made[key] = made[key] + value
+        else:
+            made[key] = value
+    return made
+
+
+def repaired(fixes: Mapping[str, Json], readers: Mapping[str, Json]) -> Pipeline:
+    """best_accuracy with what was found put right first.
+
+    fixes : parameters by stage; readers : parameters that the readers were given, by reader
+    """
+    own = merged([readers, {name: params for name, params in fixes.items() if name.startswith("reader.")}])
+    steps = [_step("reader.auto", {"readers": own} if own else {})]
+    stages = ("aligner.axes", "aligner.time_offset")
+    steps += [_step(stage, _with_units(stage, fixes[stage])) for stage in stages if stage in fixes]
+    steps += [_step("fuser.map", {}), _step("analyzer.consistency", {})]
+    about = "best_accuracy with what recon doctor found put right before it."
+    return Pipeline("fixed", tuple(steps), about=about)
+
+
+def _step(use: str, params: Mapping[str, Any]) -> Step:
+    where = Where("<doctor>")
+    return Step(use, use, Node.of(dict(params), where), where)
