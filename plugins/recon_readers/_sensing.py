@@ -11,11 +11,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
+from recon.numerics.axes import turn
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.schema import STREAMS, Schema, group_of, unnumbered
 from recon.tables import Array, build, has, matrix, select_rows
-from recon_readers._csv_mapping import turn
 from recon_readers._csv_streams import FASTEST_TURN, LIMITS, MOST_FAULTY, USUAL_SIZE
 from recon_readers._time_order import Times, in_order
 

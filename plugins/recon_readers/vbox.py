@@ -26,6 +26,7 @@ import pyarrow as pa
 
 from recon.errors import DataError, ReadFailed
 from recon.hookspecs import hookimpl
+from recon.numerics.axes import turn
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.gnss_time import DAY_NS, NS, leap_seconds
 from recon.parameters import Params, setting
@@ -34,7 +35,7 @@ from recon.schema import GNSS, IMU
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
 from recon.units import convert
-from recon_readers._csv_mapping import Axes, turn
+from recon_readers._csv_mapping import Axes
 from recon_readers._delimited import contents, plain
 from recon_readers._lines import COPIED, Form, Lines, read_lines
 from recon_readers._streams import Source, stream
