@@ -15,6 +15,7 @@ With several crashes the numbers are those of the severest one, by delta-V; even
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -77,6 +78,17 @@ _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
     "ridedown": ("g", "MASH flail space, highest 10 ms mean of one axis after the occupant's impact"),
 }
 """Unit and method of every number."""
+_SIZES: Final = (
+    "delta_v_resultant_max",
+    "accel_peak_cfc60_magnitude",
+    "asi_1998",
+    "asi_2010",
+    "thiv",
+    "phd",
+    "ridedown",
+)
+_TOLD: Final = 3.0
+"""Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
 """What can be told where nobody knows which way is forward."""
 
@@ -127,6 +139,10 @@ def _answer(impacts: list[Event], rows: Iterable[Metric]) -> Streams:
 
 def _told(pulse: Pulse, doubt: Doubt, motion: Motion, params: CrashParams) -> dict[str, Uncertain]:
     numbers = propagate(pulse, doubt, partial(measures, pulse=pulse, ahead=params.head_ahead), angles=("pdof",))
+    numbers["time_of_max"] = _time_of_max(pulse, doubt)
+    for name in _SIZES:
+        if numbers[name].value < _TOLD * numbers[name].sigma:
+            numbers[name] = replace(numbers[name], low=0.0)
     return {name: value for name, value in numbers.items() if motion.directed or name in _UNDIRECTED}
 
 
@@ -138,11 +154,10 @@ def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> di
     """
     step_s, lead, g = pulse.step_s, pulse.lead, STANDARD_GRAVITY
     after, turn = accel[:, lead:], yaw_rate[:, lead:]
-    within = slice(0, round(_OLDEST_DELTA_V_S / step_s) + 1)
-    gained = 3.6 * severity.integral(after[:, within, :2], step_s)
+    gained = _gained(after, step_s)
     size = np.hypot(gained[..., 0], gained[..., 1])
     at = size.argmax(axis=1)
-    structure = channel_class(accel, 60, 1.0 / step_s, axis=1)[:, lead:][:, within] / g
+    structure = channel_class(accel, 60, 1.0 / step_s, axis=1)[:, lead : lead + gained.shape[1]] / g
     head = severity.head_flight(after, turn, step_s, ahead)
     occupant = severity.occupant_flight(after, step_s)
     mean = severity.window_mean(after[..., :2], step_s, severity.RIDEDOWN_S) / g
@@ -163,6 +178,26 @@ def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> di
         "oiv_lat": 3.6 * occupant.velocity[:, 1],
         "ridedown": severity.largest_after(mean, occupant.time_s, step_s).max(axis=1),
     }
+
+
+def _time_of_max(pulse: Pulse, doubt: Doubt) -> Uncertain:
+    """The interval has every time whose delta-V may be the largest, for where it hardly changes errors decide."""
+    gained = _gained(pulse.accel[None, pulse.lead :], pulse.step_s)[0]
+    size, t_s = np.hypot(*gained.T), np.arange(len(gained)) * pulse.step_s
+    at = int(size.argmax())
+    apart = np.abs(t_s - t_s[at])
+    noise = float(doubt.noise[:2].max()) * np.sqrt(pulse.step_s * apart)
+    error = 3.6 * np.hypot(float(doubt.bias[:2].max()) * apart, noise) + doubt.scale * (size[at] - size)
+    likely = t_s[size + NORMAL_95 * error >= size[at]]
+    low, high = float(likely[0]) - NORMAL_95 * doubt.time, float(likely[-1]) + NORMAL_95 * doubt.time
+    sigma = (high - low) / (2.0 * NORMAL_95)
+    return Uncertain(float(t_s[at]), sigma, max(low, 0.0), high, {"a flat delta-V": sigma, "timing": doubt.time}, False)
+
+
+def _gained(after: Array, step_s: float) -> Array:
+    """Horizontal delta-V over the time in which its maximum is looked for: (b, m, 2) km/h."""
+    within = slice(0, round(_OLDEST_DELTA_V_S / step_s) + 1)
+    return np.asarray(3.6 * severity.integral(after[:, within, :2], step_s))
 
 
 def _signed_extreme(y: Array) -> Array:

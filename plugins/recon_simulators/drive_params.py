@@ -28,7 +28,7 @@ TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "reverse": ("route", "rest"),
     "ferry": ("route", "rest"),
     "parking": ("rest",),
-    "crash": ("speed", "delta_v", "pulse", "rest"),
+    "crash": ("speed", "delta_v", "pulse", "direction", "spin", "again", "rest"),
 }
 """Parameters that shape each motion; duration belongs to all."""
 
@@ -59,6 +59,11 @@ class _Motion(Params):
     slope: float | None = quantity(None, "deg", ge=-30, le=30, doc="spring, hill: of the road, positive uphill.")
     delta_v: float | None = quantity(None, "km/h", gt=0, doc="crash: change of speed in the impact.")
     pulse: float | None = quantity(None, "ms", gt=0, doc="crash: duration of the impact.")
+    direction: float = quantity(
+        0.0, "deg", gt=-180, le=180, doc="crash: of the force, clockwise from the front: 90 deg comes from the right."
+    )
+    spin: float = quantity(0.0, "deg", doc="crash: by how much the vehicle turns to the left in the second after it.")
+    again: float | None = quantity(None, "s", gt=0, doc="crash: a second impact comes so long after the first.")
     rest: float | None = quantity(
         None, "s", gt=0, doc="All but rest: standing before the drive; none: 10 s, and 30 s on long drives."
     )
@@ -70,7 +75,9 @@ class _Motion(Params):
     start: str = setting("2024-05-01T08:00:00Z", doc="Time of the first record, ISO 8601; UTC where it names no zone.")
     seed: int = setting(0, ge=0, doc="Seed of noise, biases, scale errors, outliers and outages.")
 
-    @field_validator("route", "speed", "radius", "turns", "slope", "delta_v", "pulse", "rest")
+    @field_validator(
+        "route", "speed", "radius", "turns", "slope", "delta_v", "pulse", "direction", "spin", "again", "rest"
+    )  # fmt: skip
     @classmethod
     def _belongs(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse what the motion does not have, lest it be believed to act."""

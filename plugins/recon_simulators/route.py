@@ -11,7 +11,7 @@ import numpy as np
 
 from recon.numerics import motion as motions
 from recon.numerics.geodesy import Anchor
-from recon.numerics.motion import Drive, EarthTruth, OnEarth, Springs, SprungBody
+from recon.numerics.motion import Drive, EarthTruth, Impact, Motion, OnEarth, Springs, SprungBody, Struck
 from recon.numerics.rotation import Floats, conjugate, rotate, yaw_from_heading
 from recon_simulators.drive_params import TAKES, DriveParams
 
@@ -23,13 +23,14 @@ _ROADS: Final[Mapping[str, Callable[..., Drive]]] = {
     "s_curve": motions.s_curve,
     "hill": motions.hill,
     "parking": motions.parking,
-    "crash": motions.crash,
 }
 """Motions whose length follows from their road."""
-_ARGUMENTS: Final = {"pulse": "pulse_s", "rest": "rest_s"}
+_ARGUMENTS: Final = {"pulse": "pulse_s", "rest": "rest_s", "again": "again_s"}
 """What the functions of recon.numerics.motion call them, where that differs."""
 _LASTS_S: Final = {"rest": 60.0, "city": 300.0}
 _LONG_S: Final = 600.0
+_DELTA_V, _SKID, _SHORTEST_SKID_S = 12.0, 7.0, 0.3
+"""m/s, lost in a crash where nothing is said; m/s^2, of tyres that skid; s."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +69,41 @@ def route_of(params: DriveParams, springs: Springs, rear_axle_v: tuple[float, fl
     drive, carried, duration_s = _drive(params, route)
     drive = Drive(drive.segments, float(yaw_from_heading(params.heading)))
     anchor = Anchor(np.degrees(params.lat), np.degrees(params.lon), params.height)
-    body = SprungBody(drive, springs, rear_axle_v, carried, bounce)
+    body: Motion = SprungBody(drive, springs, rear_axle_v, carried, bounce)
+    if params.motion == "crash":
+        body = Struck(body, _impacts(params, drive))
     earth = OnEarth(body, anchor, params.begin + duration_s)
     seen = None if carried is None else (carried[0] - params.begin, carried[1] - params.begin)
     return Route(drive, earth, anchor, params.begin, duration_s, seen)
+
+
+def _crash(params: DriveParams, given: Mapping[str, Any]) -> Drive:
+    """The part of a crash that the road takes: along it. Raises ValueError."""
+    own = {name: value for name, value in given.items() if name not in ("direction", "spin")}
+    lost = own.get("delta_v", _DELTA_V) * np.cos(params.direction)
+    return motions.crash(**{**own, "delta_v": max(float(lost), 0.0)})
+
+
+def _impacts(params: DriveParams, drive: Drive) -> list[Impact]:
+    """The rest of it: pushes from aside and from behind, and the spin, where the drive has its pulses."""
+    edges, delta_v = drive.edges_s, params.delta_v if params.delta_v is not None else _DELTA_V
+    ahead, left = -min(np.cos(params.direction), 0.0) * delta_v, np.sin(params.direction) * delta_v
+    found = []
+    for first, share in ((3, 1.0), (5, 0.5))[: 1 if params.again is None else 2]:
+        push = share * float(ahead), share * float(left)
+        skid_s = max(2.0 * float(np.hypot(*push)) / _SKID, _SHORTEST_SKID_S)
+        spin = params.spin if first == 3 else 0.0
+        found.append(Impact(edges[first], edges[first + 1] - edges[first], push, skid_s, spin))
+    return found
 
 
 def _drive(params: DriveParams, rng: np.random.Generator) -> tuple[Drive, tuple[float, float] | None, float]:
     """The drive, its crossing on a ferry, and the length of the record in s."""
     own = {name: getattr(params, name) for name in TAKES[params.motion] if name != "route"}
     given = {_ARGUMENTS.get(name, name): value for name, value in own.items() if value is not None}
+    if params.motion == "crash":
+        drive = _crash(params, given)
+        return drive, None, params.duration or max(drive.duration_s - params.begin, 0.0)
     if params.motion in _ROADS:
         drive = _ROADS[params.motion](**given)
         return drive, None, params.duration or max(drive.duration_s - params.begin, 0.0)

@@ -26,6 +26,10 @@ Measures = Callable[[Floats, Floats], Mapping[str, Floats]]
 
 NORMAL_95: Final = 1.959964
 _DRAWS: Final = 48
+_PLAIN: Final = 0.5
+"""Of sigma: a shift by noise beyond this is more than the chance of the draws."""
+_NOTHING_BUT_NOISE: Final = 1.0 + np.sqrt(2.0)
+"""Drawing noise on a signal that is nothing but noise raises its maximum by (sqrt(2) - 1) of what it has too much."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +111,10 @@ def _one(values: Floats, names: list[str], angle: bool, clips: bool) -> Uncertai
     drawn = off[2 + len(names) :]
     variance["noise"] = float(drawn.var(ddof=1))
     sigma = float(np.sqrt(sum(variance.values())))
-    centre, hidden = nominal - float(drawn.mean()), float(off[1]) if clips else 0.0
-    low = min(centre - NORMAL_95 * sigma + min(hidden, 0.0), nominal)
-    high = max(centre + NORMAL_95 * sigma + max(hidden, 0.0), nominal)
+    shift, hidden = float(drawn.mean()), float(off[1]) if clips else 0.0
+    shifts = (shift, _NOTHING_BUT_NOISE * shift) if abs(shift) > _PLAIN * sigma else (shift, shift)
+    low = min(nominal - max(shifts) - NORMAL_95 * sigma + min(hidden, 0.0), nominal)
+    high = max(nominal - min(shifts) + NORMAL_95 * sigma + max(hidden, 0.0), nominal)
     shares = {name: float(np.sqrt(v)) for name, v in variance.items()}
     if hidden:
         shares["clipping"] = abs(hidden) / np.sqrt(12.0)

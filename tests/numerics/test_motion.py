@@ -297,7 +297,7 @@ def test_crash_kicks_the_nose_down_and_lets_it_come_back() -> None:
     np.testing.assert_allclose(pitch, [0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0], rtol=0.0, atol=4.0 * EPS)
 
 
-@pytest.mark.parametrize("delta_v", [0.0, -1.0, 15.1])
+@pytest.mark.parametrize("delta_v", [-0.1, -1.0, 15.1])
 def test_crash_refuses_an_impossible_delta_v(delta_v: float) -> None:
     with pytest.raises(ValueError, match=r"loses between 0 and 15\.0 m/s"):
         crash(speed=15.0, delta_v=delta_v)

@@ -2,8 +2,8 @@
 
 Two forms cover all of them. A `Spring` is a closed formula (circle, helix, oscillation). A `Drive` is a row of
 `Segment`s, each easing the vehicle from one state to the next; the named drives of `catalogue` and the long ones of
-`traffic` are such rows. A `SprungBody` rides on a drive; `OnEarth` sets a motion down on the rotating ellipsoid.
-"""
+`traffic` are such rows. A `SprungBody` rides on a drive; `Struck` adds impacts from aside; `OnEarth` sets a motion down
+on the rotating ellipsoid."""
 
 from recon.numerics.motion.body import Springs, SprungBody
 from recon.numerics.motion.catalogue import (
@@ -19,6 +19,7 @@ from recon.numerics.motion.catalogue import (
 )
 from recon.numerics.motion.drive import Drive, Segment
 from recon.numerics.motion.earth import EarthTruth, OnEarth
+from recon.numerics.motion.impacts import Impact, Struck
 from recon.numerics.motion.spring import Spring, circle
 from recon.numerics.motion.traffic import TRAFFIC, ferry, traffic
 from recon.numerics.motion.truth import Motion, MotionTruth, RoadTruth, specific_force
@@ -27,6 +28,7 @@ __all__ = [
     "TRAFFIC",
     "Drive",
     "EarthTruth",
+    "Impact",
     "Motion",
     "MotionTruth",
     "OnEarth",
@@ -35,6 +37,7 @@ __all__ = [
     "Spring",
     "Springs",
     "SprungBody",
+    "Struck",
     "circle",
     "crash",
     "ferry",

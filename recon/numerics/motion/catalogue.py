@@ -83,21 +83,29 @@ def crash(
     pulse_s: float = 0.1,
     dive: float = 0.05,
     rest_s: float = 10.0,
+    again_s: float | None = None,
 ) -> Drive:
     """Drive, lose `delta_v` in a haversine pulse that ends `dive` nose down, settle back while skidding to rest.
 
-    The peak deceleration is 2 delta_v / pulse_s. The pulse is the segment of that duration: see `Drive.edges_s`.
-    Raises ValueError where delta_v is not in (0, speed].
+    The peak deceleration is 2 delta_v / pulse_s. The pulse is the segment of that duration: see `Drive.edges_s`. A
+    second one follows `again_s` after the first and takes half of the speed that is left.
+    Raises ValueError where delta_v is not in [0, speed], or the second comes while the first lasts.
     """
-    if not 0.0 < delta_v <= speed:
+    if not 0.0 <= delta_v <= speed:
         raise ValueError(f"a crash from {speed} m/s loses between 0 and {speed} m/s, not {delta_v}")
+    if again_s is not None and again_s <= pulse_s:
+        raise ValueError(f"the second impact comes {again_s} s after the first, which lasts {pulse_s} s")
     left = speed - delta_v
+    pulses = [Segment(pulse_s, left, dive=dive)]
+    if again_s is not None:
+        left /= 2.0
+        pulses += [Segment(again_s - pulse_s, speed - delta_v, dive=dive), Segment(pulse_s, left, dive=dive)]
     return Drive(
         (
             Segment(rest_s, 0.0),
             _change(0.0, speed),
             Segment(5.0, speed),
-            Segment(pulse_s, left, dive=dive),
+            *pulses,
             Segment(max(0.3, 2.0 * left / _SKID), 0.0),
             Segment(rest_s, 0.0),
         )
