@@ -20,11 +20,14 @@ from numpy.typing import NDArray
 
 from recon.errors import DataError, NotEnoughData
 from recon.numerics.geodesy import Anchor
+from recon.numerics.integration import cumulative
 from recon.numerics.rotation import to_euler
+from recon.numerics.saturation import clipped, hidden
 from recon.numerics.smoothing import (
     Drive,
     Estimate,
     Fixes,
+    Impact,
     Model,
     Noise,
     estimate,
@@ -35,7 +38,7 @@ from recon.numerics.smoothing import (
 from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import MOUNT
 from recon.rows import Metric
-from recon.tables import Array, has, matrix, meta, seconds, select_rows, vector
+from recon.tables import Array, has, matrix, meta, seconds, select_rows, time_ns, vector
 
 _TWO_DIMENSIONAL: Final = 2
 _FASTEST_S: Final = 0.1
@@ -141,14 +144,21 @@ def measured(imu: pa.Table) -> pa.Table:
     return select_rows(imu, known)
 
 
-def drive_of(imu: pa.Table, wheel: pa.Table | None, observed: Observed, start_ns: int) -> Drive:
+def drive_of(
+    imu: pa.Table,
+    wheel: pa.Table | None,
+    observed: Observed,
+    start_ns: int,
+    impacts: tuple[Impact, ...] = (),
+) -> Drive:
     """A drive for the smoother. start_ns : time zero, that of the first row of imu.
 
     raises : DataError where imu is too short or feels no gravity, NotEnoughData where hardly a fix lies in its time
     """
     accel = matrix(imu, "accel")
     try:
-        samples = regular_samples(seconds(imu), matrix(imu, "gyro"), accel)
+        cuts = tuple(t_s for impact in impacts for t_s in (impact.start_s, impact.end_s))
+        samples = regular_samples(seconds(imu), matrix(imu, "gyro"), accel, cuts_s=cuts)
     except ValueError as error:
         raise DataError(f"the imu's record is too short: {error}", "give the whole drive") from error
     force = float(np.median(np.sqrt((accel**2).sum(axis=1))))
@@ -166,9 +176,34 @@ def drive_of(imu: pa.Table, wheel: pa.Table | None, observed: Observed, start_ns
     known = np.isfinite(vector(wheel, "speed", gaps=True)) if has(wheel, "speed") and wheel is not None else None
     none = np.zeros(0)
     if wheel is None or known is None:
-        return Drive(samples, observed.fixes, observed.anchor, none, none)
+        return Drive(samples, observed.fixes, observed.anchor, none, none, impacts=impacts)
     speed = vector(wheel, "speed", gaps=True)[known]
-    return Drive(samples, observed.fixes, observed.anchor, seconds(wheel, since=start_ns)[known], speed)
+    return Drive(
+        samples, observed.fixes, observed.anchor, seconds(wheel, since=start_ns)[known], speed, impacts=impacts
+    )
+
+
+def impacts_of(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip_s: float) -> tuple[Impact, ...]:
+    """The impacts of a drive, for the smoother. What clipping may have hidden counts as missed.
+
+    imu : accel m/s^2, specific force; crashes : (start, end) in ns since 1970
+    error : share of a change of velocity that the IMU misses, by what no scale error explains; slip_s : s, as in Impact
+    """
+    t_ns, accel = time_ns(imu), matrix(imu, "accel")
+    if not crashes or not len(t_ns):
+        return ()
+    mask = clipped(accel, least=_FELT[1])
+    found = []
+    for start_ns, end_ns in crashes:
+        rows = slice(*np.searchsorted(t_ns, [start_ns, end_ns + 1]))
+        if rows.stop - rows.start < 2:
+            continue
+        t_s, part = (t_ns[rows] - t_ns[0]) * 1e-9, accel[rows]
+        cut = np.stack([hidden(t_s, part[:, axis], mask[rows, axis]) for axis in range(3)], axis=1)
+        pushed = part - np.median(accel, axis=0)
+        change, missed = (float(np.linalg.norm(cumulative(t_s, y, "trapezoid")[-1])) for y in (pushed, cut))
+        found.append(Impact(float(t_s[0]), float(t_s[-1]), error * change + missed, slip_s))
+    return tuple(found)
 
 
 def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estimate:

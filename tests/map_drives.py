@@ -82,6 +82,7 @@ def fused(streams: Streams, edit: Callable[[Streams], Streams] | None = None, **
         gnss=given["gnss"],
         wheel=given.get("wheel"),
         attitude=given.get("attitude"),
+        events=given.get("events"),
         params=MapParams(**params),
     )
 

@@ -146,13 +146,14 @@ def noise_of(motion: Motion, zero_ns: int) -> Array:
 def constant_error(trajectory: pa.Table | None, knots: pa.Table | None, zero_ns: int, sensor_class: str) -> Array:
     """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.
 
-    Where a smoother tells how well it knows changes of velocity, that over half a second; else the bias of the class.
+    Where a smoother tells how well it knows changes of velocity, that over half a second before, for bias and tilt stay
+    through it; else the bias of the class.
     """
-    until_ns = zero_ns + round(LEAD_S * 1e9)
+    since_ns = zero_ns - round(LEAD_S * 1e9)
     if trajectory is not None and knots is not None and knots.num_rows > 1 and has(trajectory, "q"):
         known = Knots.of(knots)
-        if known.t_ns[0] <= zero_ns and until_ns <= known.t_ns[-1]:
-            change = known.covariance_of_change(zero_ns, until_ns)[VELOCITY, VELOCITY]
+        if known.t_ns[0] <= since_ns and zero_ns <= known.t_ns[-1]:
+            change = known.covariance_of_change(since_ns, zero_ns)[VELOCITY, VELOCITY]
             row = int(np.searchsorted(time_ns(trajectory), zero_ns).clip(max=trajectory.num_rows - 1))
             q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
             axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)

@@ -45,14 +45,15 @@ from recon import (
     Fuser,
     Params,
     Streams,
-    events,
     hookimpl,
     matrix,
     metrics,
     quantity,
     setting,
+    spans,
     time_ns,
 )
+from recon import events as event_rows
 from recon.numerics.rotation import from_euler
 from recon.sensor_classes import NAMES, SensorClass, typical
 
@@ -102,6 +103,12 @@ class MapParams(Params):
     rear_axle_sigma: float = quantity(0.1, "m", gt=0, doc="How well the rear axle is known, where it is given.")
     gnss_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the delay of positions; 0 ms where stamps are right.")
     gnss_velocity_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the further delay of velocities.")
+    impact_error: float = quantity(
+        1.0, "%", gt=0, doc="In events of kind crash: share of the change of velocity that the IMU may miss."
+    )
+    slip_time: float = quantity(
+        10.0, "s", ge=0, doc="From a crash until the vehicle stands, at most so long, wheels may slip in any direction."
+    )
     wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
     baro_noise: float = quantity(0.3, "m", gt=0, doc="Error of a barometer's height, mean of two seconds.")
     baro_walk: float = quantity(0.02, "m/sqrt(s)", gt=0, doc="Random walk of the air's pressure, as height.")
@@ -119,6 +126,7 @@ def fuse_map(
     baro: pa.Table | None = None,
     ground: pa.Table | None = None,
     visual: pa.Table | None = None,
+    events: pa.Table | None = None,
     params: MapParams,
 ) -> Streams:
     """The trajectory with sigmas, residuals of every fix, standstills and outages, and every number estimated.
@@ -126,10 +134,11 @@ def fuse_map(
     imu : accel m/s^2 (specific force), gyro rad/s, any mounting; gnss : positions or speed; wheel : speed
     attitude : its first row is taken as the attitude of the imu's axes at that time
     baro : pressure; ground : heights of a map along the way; visual : how a camera moved
+    events : those of kind crash have knots at both ends, biases that stay, and wheels that may slip afterwards
     raises : NotEnoughData and DataError where the log cannot tell, with what is missing
     """
     from recon.aiding import AidTrust, aids_of
-    from recon.driving import drive_of, measured, observe, solve
+    from recon.driving import drive_of, impacts_of, measured, observe, solve
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
@@ -137,9 +146,11 @@ def fuse_map(
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, _trust(params), params.reported_sigmas)
+    impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
+    drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust)
-    drive = replace(drive_of(imu, wheel, observed, start_ns), aids=aids)
+    drive = replace(drive, aids=aids)
     found = solve(drive, _model(params, attitude), _noise(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
     learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
@@ -147,7 +158,7 @@ def fuse_map(
         "trajectory": trajectory,
         "knots": knots(found, imu, trajectory),
         "residuals": tables.residuals(found, observed, gnss),
-        "events": events(tables.happenings(found, start_ns)),
+        "events": event_rows(tables.happenings(found, start_ns)),
         "metrics": metrics(learnt),
     }
 
@@ -224,6 +235,7 @@ def declare_fusers() -> Iterable[Fuser]:
     yield Fuser(
         name="map",
         summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
+        version=2,
         params=MapParams,
         reads={
             "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),
@@ -237,6 +249,7 @@ def declare_fusers() -> Iterable[Fuser]:
             "visual": VISUAL.need(
                 "end_time", "q", "rotation_std", maybe=["direction", "direction_std"], frame="sensor", optional=True
             ),
+            "events": EVENTS.need("time", "end_time", "kind", optional=True),
         },
         writes={"trajectory": TRAJECTORY, "knots": KNOTS, "residuals": RESIDUALS, "events": EVENTS},
         run=fuse_map,

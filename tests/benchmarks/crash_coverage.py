@@ -3,8 +3,8 @@
     python tests/benchmarks/crash_coverage.py pulses 2000     # errors drawn on pulses in vehicle axes: the propagation
     python tests/benchmarks/crash_coverage.py drives 200      # whole drives through detector.crash and fuser.map
 
-The truth is what the same definitions give for the true acceleration, with the time zero that is found in it. Nothing but
-the sensors' output reaches the stages.
+The truth is what the same definitions give for the true acceleration, with the time zero that is found in it. Nothing
+but the sensors' output reaches the stages.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ import pyarrow as pa
 
 sys.path.insert(0, str(os.path.join(os.path.dirname(__file__), "..")))  # noqa: PTH118, PTH120
 
-import crash_pulses as pulses  # noqa: E402
+import crash_pulses as pulses
 
-from recon.numerics.rotation import from_rotvec, rotate  # noqa: E402
-from recon.schema import IMU, Change  # noqa: E402
-from recon.sensor_classes import typical  # noqa: E402
-from recon.tables import Array, build, matrix, time_ns  # noqa: E402
-from recon_analyzers._pulse import motion_of, pulse_at  # noqa: E402
-from recon_analyzers.crash import CrashParams, analyze_crash, measures  # noqa: E402
-from recon_detectors.crash import CrashParams as DetectorParams  # noqa: E402
-from recon_detectors.crash import crash as detect  # noqa: E402
-from recon_fusers.map import MapParams, fuse_map  # noqa: E402
-from recon_simulators.drive import simulate_drive  # noqa: E402
-from recon_simulators.drive_params import DriveParams  # noqa: E402
+from recon.numerics.rotation import from_rotvec, rotate
+from recon.schema import IMU, Change
+from recon.sensor_classes import typical
+from recon.tables import Array, build, matrix, time_ns
+from recon_analyzers._pulse import motion_of, pulse_at
+from recon_analyzers.crash import CrashParams, analyze_crash, measures
+from recon_detectors.crash import CrashParams as DetectorParams
+from recon_detectors.crash import crash as detect
+from recon_fusers.map import MapParams, fuse_map
+from recon_simulators.drive import simulate_drive
+from recon_simulators.drive_params import DriveParams
 
 VEHICLE = Change({"accel": "vehicle", "gyro": "vehicle"}, {"accel": "acceleration"}).apply(IMU)
 KM_H = 1.0 / 3.6
@@ -105,7 +105,7 @@ def a_drive(seed: int) -> Told:
     )
     log = simulate_drive(params)
     events = detect(imu=log["imu"], params=DetectorParams())["events"]
-    fused = fuse_map(imu=log["imu"], gnss=log["gnss"], wheel=None, attitude=None, params=MapParams())
+    fused = fuse_map(imu=log["imu"], gnss=log["gnss"], wheel=None, attitude=None, events=events, params=MapParams())
     found = analyze_crash(
         trajectory=fused["trajectory"],
         imu=log["imu"],
@@ -117,7 +117,7 @@ def a_drive(seed: int) -> Told:
     rows, reference = rows_of(found["metrics"]), log["reference"]
     truth = truth_of(time_ns(reference), matrix(reference, "accel"), matrix(reference, "gyro"))
     if truth and "delta_v_long_max" in rows:
-        zero = [row for row in events.to_pylist() if row["kind"] == "crash"][0]["time"]
+        zero = next(row for row in events.to_pylist() if row["kind"] == "crash")["time"]
         impacts = [row for row in found["events"].to_pylist() if row["kind"] == "impact"]
         zero = max(impacts, key=lambda row: row["value"])["time"] if impacts else zero
         vel = matrix(reference, "vel")
@@ -151,7 +151,7 @@ def tally(cases: list[Told]) -> Mapping[str, tuple[int, int, float, float]]:
         name: (
             len(all_),
             sum(i for i, _, _ in all_),
-            *(float(np.sqrt(np.mean(np.square(c)))) for c in zip(*[a[1:] for a in all_])),
+            *(float(np.sqrt(np.mean(np.square(c)))) for c in zip(*[a[1:] for a in all_], strict=True)),
         )
         for name, all_ in found.items()
     }

@@ -353,6 +353,32 @@ def test_a_record_is_as_long_as_asked_and_stands_once_the_drive_is_over(motion: 
     np.testing.assert_allclose(matrix(streams["reference"], "vel")[-100:], 0.0, atol=EPS)
 
 
+@pytest.mark.parametrize("direction", [0.0, 60.0, -120.0, 180.0])
+def test_a_crash_pushes_from_where_its_force_comes(direction: float) -> None:
+    shape = {"speed": "54 km/h", "delta_v": "36 km/h", "pulse": "100 ms", "direction": f"{direction} deg"}
+    crash = simulate(motion="crash", sensors="perfect", imu_rate="1000 Hz", **shape)["reference"]
+    accel = matrix(crash, "accel")
+    middle = int(np.linalg.norm(accel[:, :2], axis=1).argmax())
+    change = accel[middle - 55 : middle + 55, :2].sum(axis=0) / 1000.0
+    # The body dives by 3 deg meanwhile, and the skid that follows begins softly.
+    wanted = 10.0 * np.array([-np.cos(np.radians(direction)), np.sin(np.radians(direction))])
+    np.testing.assert_allclose(change, wanted, rtol=0, atol=0.1)
+
+
+def test_a_crash_may_spin_the_vehicle_and_come_twice() -> None:
+    shape = {"speed": "54 km/h", "delta_v": "18 km/h", "direction": "45 deg", "spin": "90 deg", "again": "0.7 s"}
+    streams = simulate(motion="crash", sensors="perfect", **shape)
+    crash, t_s = streams["reference"], seconds(streams["reference"])
+    # A turn of 90 deg within a second: the peak of its rate is twice the mean; samples are 10 ms apart.
+    assert np.degrees(vector(crash, "gyro_z").max()) == pytest.approx(180.0, rel=0.01)
+    vel, in_n = matrix(crash, "vel"), rotate(matrix(crash, "q"), matrix(crash, "accel"))
+    # Central differences of 10 ms err by h^2 / 6 (2 pi / T)^2 = 7 % of a pulse of T = 0.1 s with a peak of 100 m/s^2.
+    np.testing.assert_allclose(np.gradient(vel, t_s, axis=0), in_n, rtol=0, atol=8.0)
+    hard = np.flatnonzero(np.linalg.norm(in_n, axis=1) > 20.0)
+    assert np.diff(hard).max() > 50  # two pulses
+    np.testing.assert_allclose(vel[-1], 0.0, atol=1e-12)
+
+
 def test_motions_take_their_shape_from_the_parameters() -> None:
     crash = simulate(motion="crash", speed="72 km/h", delta_v="36 km/h", pulse="80 ms", sensors="perfect")["reference"]
     peak = np.linalg.norm(matrix(crash, "accel"), axis=1).max()

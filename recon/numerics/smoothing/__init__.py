@@ -18,7 +18,7 @@ from recon.numerics.smoothing.earth import geodetic, level_rotation, positions_n
 from recon.numerics.smoothing.estimate import Estimate, estimate, sigmas
 from recon.numerics.smoothing.full_rate import Motion, between_knots, full_rate
 from recon.numerics.smoothing.measurements import Fixes
-from recon.numerics.smoothing.model import Drive, Model, Noise
+from recon.numerics.smoothing.model import Drive, Impact, Model, Noise
 from recon.numerics.smoothing.samples import Samples, regular_samples
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.solved import Solved
@@ -27,6 +27,7 @@ __all__ = [
     "Drive",
     "Estimate",
     "Fixes",
+    "Impact",
     "Model",
     "Motion",
     "Noise",

@@ -79,9 +79,24 @@ class Model:
 
 
 @dataclass(frozen=True)
+class Impact:
+    """A time in which the vehicle is pushed, and what that does to the model.
+
+    start_s, end_s : s; knots stand there, and biases do not change in between
+    velocity : m/s, sigma of what the IMU misses of the change of velocity
+    slip_s : s after the end in which wheels may slip, unless it stands before
+    """
+
+    start_s: float
+    end_s: float
+    velocity: float
+    slip_s: float
+
+
+@dataclass(frozen=True)
 class Drive:
     """What was logged. wheel_t_s : (w,) s, wheel_speed : (w,) m/s, without rows where there are no wheels' speeds;
-    aids : what other sensors add
+    aids : what other sensors add; impacts : in the order of time
     """
 
     samples: Samples
@@ -90,3 +105,4 @@ class Drive:
     wheel_t_s: Floats
     wheel_speed: Floats
     aids: tuple[Aid, ...] = ()
+    impacts: tuple[Impact, ...] = ()

@@ -3,11 +3,12 @@
 Steps keep the times of the log, jitter and drifting rates included. Only what a reshape cannot carry is changed: gaps
 are bridged by further samples, and the last interval is padded with steps of no length. A gap of more than an interval
 gets an interval of its own, the one before it padded, lest what is not known of the gap is spread over what was logged.
+Likewise an impact, whose errors are of another size: knots stand where it begins and where it ends.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 
 import numpy as np
@@ -25,6 +26,8 @@ LONG_GAP_S = 10.0
 _FEWEST_STEPS = 10
 _FINE_RATE_HZ = 50.0
 _LEAST_FILL = 0.1
+_FEWEST_CUT = 4
+"""Steps between two cuts."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,9 @@ class Samples:
         return self.t_s[:: self.per_interval]
 
 
-def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float = 2.0) -> Samples:
+def regular_samples(
+    t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float = 2.0, cuts_s: tuple[float, ...] = ()
+) -> Samples:
     """The log in intervals of about `knot_s`, gaps bridged.
 
     A gap is bridged by samples at the nominal rate, interpolated. One longer than an interval is bridged by an interval
@@ -68,6 +73,7 @@ def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float 
     t_s : (N,) s, strictly increasing
     gyro_s : (N, 3) rad/s, sensor
     accel_s : (N, 3) m/s^2, sensor
+    cuts_s : s, at whose nearest samples there are to be knots
     raises : ValueError if the times do not increase, or fill less than two intervals
     """
     step = np.diff(t_s)
@@ -80,7 +86,7 @@ def regular_samples(t_s: Floats, gyro_s: Floats, accel_s: Floats, knot_s: float 
     log = Samples(t_s, gyro_s, accel_s, np.zeros(len(step), bool), np.arange(len(t_s)), m)
     cuts = np.flatnonzero(step > max(m * nominal, GAP_S)) + 1
     pieces = [_cut(log, first, stop) for first, stop in zip([0, *cuts], [*cuts, len(t_s)], strict=True)]
-    whole = [_whole_intervals(_bridged(piece, nominal)) for piece in pieces]
+    whole = [_cut_intervals(_bridged(piece, nominal), cuts_s) for piece in pieces]
     joined = _joined([piece for piece in whole if piece.intervals])
     if joined is None or joined.intervals < 2:
         raise ValueError(f"{t_s[-1] - t_s[0]:.3g} s of samples are too short: two intervals of {m} steps are needed")
@@ -128,11 +134,36 @@ def _between(x: Floats, before: NDArray[np.int64], part: Floats) -> Floats:
     return np.asarray(x[before] + part * (x[before + 1] - x[before]))
 
 
-def _whole_intervals(samples: Samples) -> Samples:
-    """The last interval padded with steps of no length, or dropped where hardly a step is in it."""
+def _cut_intervals(samples: Samples, cuts_s: tuple[float, ...]) -> Samples:
+    """Whole intervals from cut to cut; cuts so near to an end or to each other that hardly a step is left are none."""
+    last = len(samples.t_s) - 1
+    at = np.searchsorted(samples.t_s, sorted(cuts_s))
+    rows = [0]
+    for row in at.tolist():
+        if row - rows[-1] >= _FEWEST_CUT and last - row >= _FEWEST_CUT:
+            rows.append(row)
+    pieces = [_cut(samples, first, stop + 1) for first, stop in pairwise([*rows, last])] or [samples]
+    open_ended = [replace(piece, row=np.append(piece.row[:-1], -1)) for piece in pieces[:-1]]  # the next one has it
+    parts = [_whole_intervals(piece, keep=True) for piece in open_ended]
+    parts.append(_whole_intervals(pieces[-1], keep=len(rows) > 1))
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[:-1]
+    return Samples(
+        t_s=np.concatenate([*(part.t_s[:-1] for part in first), parts[-1].t_s]),
+        gyro_s=np.concatenate([*(part.gyro_s[:-1] for part in first), parts[-1].gyro_s]),
+        accel_s=np.concatenate([*(part.accel_s[:-1] for part in first), parts[-1].accel_s]),
+        filled=np.concatenate([part.filled for part in parts]),
+        row=np.concatenate([*(part.row[:-1] for part in first), parts[-1].row]),
+        per_interval=samples.per_interval,
+    )
+
+
+def _whole_intervals(samples: Samples, *, keep: bool) -> Samples:
+    """The last interval padded with steps of no length, or, unless all is kept, dropped where it has hardly any."""
     m = samples.per_interval
     whole, rest = divmod(len(samples.filled), m)
-    steps = m * (whole + (rest >= _LEAST_FILL * m))
+    steps = m * (whole + (rest >= (1 if keep else _LEAST_FILL * m)))
     pad = max(steps - len(samples.filled), 0)
 
     def fit(x: Floats) -> Floats:

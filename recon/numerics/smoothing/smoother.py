@@ -34,7 +34,7 @@ from recon.numerics.smoothing.measurements import (
     position_rows,
     velocity_rows,
 )
-from recon.numerics.smoothing.model import Drive, Model, Noise
+from recon.numerics.smoothing.model import Drive, Impact, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
 from recon.numerics.smoothing.robust import Loss, Sharpness, kept_together, robust_weights
@@ -63,7 +63,7 @@ from recon.numerics.smoothing.state import (
     WHEEL,
     State,
 )
-from recon.numerics.smoothing.stops import SLOW, block_means, still_blocks, still_noise, still_spans
+from recon.numerics.smoothing.stops import SLOW, Mask, block_means, still_blocks, still_noise, still_spans
 
 MOST_STEPS: Final = 30
 _SHARP: Final = 30.0
@@ -81,6 +81,10 @@ _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
 _CONVENTION: Final = 1e-4
 """m and rad; sigma of a first position and heading that nothing measures, and which are set to be what they are."""
+_FROZEN: Final = 1e-4
+"""Of the time of an impact in which biases walk; not nought, lest they have no relation."""
+_NEAR_S: Final = 0.1
+"""s; knots are the samples nearest to the ends of an impact."""
 _STANDING_WHEELS: Final = 0.1
 """m/s; while GNSS says that it moves, such wheels only say that something carries the vehicle."""
 _GAP_RATE: Final = 0.3
@@ -110,6 +114,7 @@ class Smoother:
         self.length = np.diff(knots)
         gap_s = (np.diff(samples.t_s) * samples.filled).reshape(samples.intervals, -1).sum(axis=1)
         self.gap_s = gap_s
+        self.impact, self.pushed = _impacts(knots, drive.impacts)
         self.gap = (gap_s * np.minimum(gap_s / _GAP_FAR_S, 1.0)) ** 2 / self.length
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
@@ -141,7 +146,7 @@ class Smoother:
             sigma=self.model.across,
             slip=self.model.slip_growth,
             wheel_sigma=self.model.wheel_speed,
-            on=self.epochs.live & ~quiet & ~samples.filled[step],
+            on=self.epochs.live & ~quiet & ~samples.filled[step] & ~self._slipping(t_s),
             wheel_speed=speed,
         )
 
@@ -244,10 +249,19 @@ class Smoother:
         inside = locate(self.epochs, self.drive.samples, increments)
         return Integrated(increments, inside, whitening(increments, *self.densities(noise)))
 
+    def _slipping(self, t_s: Floats) -> Mask:
+        """Times at which wheels may slip: from an impact until the vehicle stands, or for as long as that may take."""
+        slipping = np.zeros(len(t_s), dtype=bool)
+        for impact in self.drive.impacts:
+            stands = self.blocks.t_s[self.still & (self.blocks.t_s > impact.end_s)]
+            until = min([impact.end_s + impact.slip_s, *stands[:1].tolist()])
+            slipping |= (t_s >= impact.start_s) & (t_s <= until)
+        return slipping
+
     def densities(self, noise: Noise) -> tuple[Floats, Floats]:
-        """Noise of gyro and accelerometer in each interval, more where the IMU was silent: (K,), (K,)."""
+        """Noise of gyro and accelerometer in each interval, more in silence of the IMU and in impacts: (K,), (K,)."""
         gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap)
-        return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap)
+        return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap + self.pushed)
 
     def _rows(
         self, state: State, ends: Misclosure, inside: Inside, noise: Noise, robust: bool
@@ -270,7 +284,9 @@ class Smoother:
         """The factors whose noise is given: walks of the biases, stops, roads, priors."""
         normal, model = self.normal, self.model
         normal.clear()
-        add_walks(normal, state, self.length, noise.gyro_walk, noise.accel_walk)
+        add_walks(
+            normal, state, np.where(self.impact, _FROZEN * self.length, self.length), noise.gyro_walk, noise.accel_walk
+        )
         add_standing(
             normal,
             state,
@@ -365,6 +381,18 @@ class Smoother:
         whole = np.zeros(COMMON_SIZE)
         whole[self.free] = found.step_global
         return system, replace(found, step_global=whole)
+
+
+def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats]:
+    """Which intervals lie in impacts, and what is added to the accelerometer's squared noise density there: (K,)."""
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    inside, added = np.zeros(len(middle), dtype=bool), np.zeros(len(middle))
+    for impact in impacts:
+        here = (middle > impact.start_s) & (middle < impact.end_s)
+        here &= np.diff(knots) <= impact.end_s - impact.start_s + _NEAR_S
+        inside |= here
+        added[here] += impact.velocity**2 / max(float(np.diff(knots)[here].sum()), _NEAR_S)
+    return inside, added
 
 
 def _typical(samples: Samples) -> float:

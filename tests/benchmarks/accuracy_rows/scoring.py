@@ -75,7 +75,9 @@ def smoothed(job: Job, streams: Streams, drive: Drive, truth: Estimate) -> tuple
 
 def fused(streams: Streams, params: fuser.MapParams) -> Streams:
     """What fuser.map makes of imu and gnss."""
-    return fuser.fuse_map(imu=streams["imu"], gnss=streams["gnss"], wheel=None, attitude=None, params=params)
+    return fuser.fuse_map(
+        imu=streams["imu"], gnss=streams["gnss"], wheel=None, attitude=None, events=None, params=params
+    )
 
 
 def anchor_of(job: Job) -> Anchor:

@@ -125,6 +125,28 @@ def test_a_rest_of_less_than_a_tenth_is_dropped(rest, intervals):
     assert np.count_nonzero(samples.row >= 0) == (601 if intervals == 3 else 601 + rest)
 
 
+def test_knots_stand_at_cuts_and_nothing_is_lost():
+    t_s = at_rate(400.0, 20.0)
+    samples = regular_samples(t_s, *linear(t_s), cuts_s=(7.1, 7.25, 13.0))
+    knots = samples.knot_times
+    for cut in (7.1, 7.25, 13.0):
+        assert np.abs(knots - cut).min() < ROUNDING
+    assert np.diff(knots).min() == pytest.approx(0.15)
+    assert_array_equal(samples.row[samples.row >= 0], np.arange(len(t_s)))
+    assert_real_rows_are_those_of_the_log(samples, t_s)
+    assert samples.intervals * samples.per_interval == len(samples.filled) == len(samples.t_s) - 1
+    assert (np.diff(samples.t_s) >= 0.0).all()
+
+
+def test_cuts_outside_and_next_to_each_other_are_none():
+    t_s = at_rate(100.0, 20.0)
+    plain = regular_samples(t_s, *linear(t_s))
+    cut = regular_samples(t_s, *linear(t_s), cuts_s=(-3.0, 0.01, 25.0))
+    assert_array_equal(cut.knot_times, plain.knot_times)
+    near = regular_samples(t_s, *linear(t_s), cuts_s=(7.1, 7.12))
+    assert np.diff(near.knot_times).min() > 0.5
+
+
 def test_arguments_are_left_alone():
     t_s = np.delete(at_rate(100, 9.0), np.arange(300, 350))
     gyro, accel = linear(t_s)

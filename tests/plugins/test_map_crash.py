@@ -1,0 +1,83 @@
+"""fuser.map in a crash: what an impact does to the pulse and to the speed before it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from map_drives import fused
+
+from recon.numerics.rotation import angle
+from recon.rows import spans
+from recon.tables import Streams, matrix, time_ns, vector
+from recon_detectors.crash import CrashParams, crash
+from recon_simulators.drive import simulate_drive
+from recon_simulators.drive_params import DriveParams
+
+
+def wreck(seed: int, **params: Any) -> Streams:
+    """A crash at 54 km/h, and what detector.crash finds in it."""
+    usual = {"motion": "crash", "speed": 15.0, "delta_v": 9.0, "pulse": 0.1, "imu_rate": 200.0, "seed": seed}
+    log = simulate_drive(DriveParams(**{**usual, **params}))
+    log["events"] = crash(imu=log["imu"], params=CrashParams())["events"]
+    return log
+
+
+def speed_error(log: Streams, found: Streams, t_ns: int) -> tuple[float, float]:
+    """Of the horizontal speed at a time, and its sigma: m/s."""
+    one, true = found["trajectory"], log["reference"]
+    row, same = (int(np.searchsorted(time_ns(table), t_ns)) for table in (one, true))
+    speed, wanted = (np.hypot(*matrix(t, "vel")[i, :2]) for t, i in ((one, row), (true, same)))
+    return float(speed - wanted), float(np.hypot(vector(one, "vel_std_e")[row], vector(one, "vel_std_n")[row]))
+
+
+@pytest.fixture(scope="module")
+def clipped() -> Streams:
+    """An impact whose peak of 18 g the sensor of 8 g does not see."""
+    return wreck(3, accel_full_scale=8 * 9.80665)
+
+
+def test_a_clipped_impact_does_not_spoil_the_speed_before_it(clipped: Streams) -> None:
+    ((start, _),) = spans(clipped["events"], "crash")
+    with_crash, without = fused(clipped), fused({**clipped, "events": None})
+    error, sigma = speed_error(clipped, with_crash, start)
+    # About three of the sigmas that the trajectory tells; the model without impacts spreads the loss over two seconds.
+    assert abs(error) < 3.0 * sigma + 0.02
+    assert abs(speed_error(clipped, without, start)[0]) > 0.5
+
+
+def test_a_push_from_aside_is_no_reason_to_turn_the_vehicle() -> None:
+    log = wreck(5, direction=np.radians(80.0), delta_v=8.0)
+    ((_, end),) = spans(log["events"], "crash")
+    found = fused(log)
+    error, sigma = speed_error(log, found, end + 200_000_000)
+    assert abs(error) < 3.0 * sigma
+    slip = angle(*(matrix(t, "q")[np.searchsorted(time_ns(t), end)] for t in (found["trajectory"], log["reference"])))
+    assert np.degrees(slip) < 1.5  # it moves aside by 28 deg from where it points
+
+
+def test_biases_do_not_change_in_an_impact(clipped: Streams) -> None:
+    knots = fused(clipped)["knots"]
+    ((start, end),) = spans(clipped["events"], "crash")
+    t_ns = time_ns(knots)
+    first, last = int(np.argmin(np.abs(t_ns - start))), int(np.argmin(np.abs(t_ns - end)))
+    assert last == first + 1  # knots at both ends
+    assert abs(t_ns[first] - start) <= 5_000_000
+    steps = np.abs(np.diff(matrix(knots, "accel_bias"), axis=0)).max(axis=1)
+    # Steps go with the square root of the time: 0.1 s times 1e-4 against 2 s, 2e-3 of an ordinary one, which are tiny.
+    assert steps[first] < 0.05 * np.delete(steps, first).max() + 1e-9
+
+
+def test_every_sample_of_the_pulse_is_in_the_trajectory(clipped: Streams) -> None:
+    found, imu = fused(clipped)["trajectory"], clipped["imu"]
+    ((start, end),) = spans(clipped["events"], "crash")
+    inside = [t[(t >= start) & (t <= end)] for t in (time_ns(found), time_ns(imu))]
+    np.testing.assert_array_equal(*inside)
+
+
+def test_a_drive_without_a_crash_is_solved_as_ever() -> None:
+    log = simulate_drive(DriveParams(motion="s_curve", imu_rate=100.0, seed=1))
+    log["events"] = crash(imu=log["imu"], params=CrashParams())["events"]
+    plain = fused({**log, "events": None})["trajectory"]
+    assert fused(log)["trajectory"].equals(plain)
