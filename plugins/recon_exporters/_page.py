@@ -15,6 +15,8 @@ from recon_exporters._findings import is_finding
 Json = dict[str, Any]
 
 _TITLES: Final = {"distance": ("Distance", "m"), "top_speed": ("Top speed", "m/s"), "stops": ("Stops", "")}
+CRASH_SIGN: Final = "delta_v_resultant_max"
+"""The metric by which the step that judged a crash is known."""
 _SHORT: Final = 12
 """Cells of so few characters are not broken."""
 _ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "deg"))
@@ -50,16 +52,19 @@ def shown(value: float, sigma: float | None = None, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
-def page(facts: Json, findings: str, track: str, charts: str, closeups: str, notes: Sequence[str]) -> str:
-    """The whole document."""
+def crash_step(facts: Json) -> str:
+    """The step that judged a crash, "" where none or several did."""
+    steps = {row["step"] for row in facts["metrics"] if row["name"] == CRASH_SIGN and "step" in row}
+    return str(steps.pop()) if len(steps) == 1 else ""
+
+
+def page(facts: Json, drawn: Sequence[tuple[str, str]], notes: Sequence[str]) -> str:
+    """The whole document. drawn : title and HTML of the parts with figures, left out where they hold nothing."""
     title = escape(facts["name"])
     parts = [
         f"<header><h1>{title}</h1>{_head(facts)}</header>",
         _warnings(facts["warnings"]),
-        section("What the data say of the log's conventions", findings),
-        section("Track", track),
-        section("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
-        section("Crashes, closer", closeups),
+        *(section(*part) for part in drawn),
         section("Events and outages", _events(facts) + _outages(facts)),
         section("Quality", _sigmas(facts) + _residuals(facts) + _errors(facts) + _estimates(facts)),
         section("What the steps learnt and assumed", _learnt(facts)),
@@ -196,7 +201,12 @@ def _is_estimate(row: Json) -> bool:
 
 
 def _estimates(facts: Json) -> str:
-    rows = ((*_estimate(row), *_remarks(row)) for row in facts["metrics"] if _is_estimate(row))
+    shown_above = crash_step(facts)
+    rows = (
+        (*_estimate(row), *_remarks(row))
+        for row in facts["metrics"]
+        if _is_estimate(row) and not (shown_above and row["step"] == shown_above)
+    )
     head = ("estimate", "value", "± sigma", "from", "to", "unit", "method", "note", "step")
     return table(head, rows, "Estimates with their uncertainty: mounting, biases, delays and others")
 

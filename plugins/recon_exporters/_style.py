@@ -37,6 +37,8 @@ STYLES: Final[Mapping[str, Style]] = {
     "x": Style("#0072B2"),
     "y": Style("#D55E00"),
     "z": Style("#009E73"),
+    "raw x": Style("#9CC9E3", width=1.0),
+    "raw y": Style("#F0B48F", width=1.0),
 }
 EVENTS: Final[Mapping[str, str]] = {"standstill": "#999999", "outage": "#E69F00", "crash": "#D55E00"}
 OTHER_EVENT: Final = "#CC79A7"

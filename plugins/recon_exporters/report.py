@@ -1,7 +1,8 @@
 """The run as one page for people, and the same numbers for programs.
 
-    report.html    track, curves over time with bands of two sigma, residuals, events, crashes from close by, quality,
-                   estimates, inputs with hashes, pipeline; needs no network and no script, prints on A4
+    report.html    of a crash the time line, the direction of the force, the pulse and how severe it was by which
+                   standard; track, curves over time with bands of two sigma, residuals, events, crashes from close by,
+                   quality, estimates, inputs with hashes, pipeline; needs no network and no script, prints on A4
     report.json    the numbers of its tables (see _facts)
 
 Curves of many rows are thinned for the eye (see _decimate), never those of a crash from close by; the page says so.
@@ -10,9 +11,8 @@ Curves of many rows are thinned for the eye (see _decimate), never those of a cr
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pyarrow as pa
 
@@ -25,6 +25,7 @@ from recon.stages import Exporter
 from recon.storage.json_text import to_json
 from recon.tables import time_ns
 from recon_exporters._chart import Span, Window, events_key, figure
+from recon_exporters._crash_page import crash_page
 from recon_exporters._decimate import SPANS
 from recon_exporters._facts import facts_of
 from recon_exporters._findings import findings_section
@@ -38,6 +39,8 @@ _AFTER: Final = 3_000_000_000
 _SHORTEST: Final = 1_000_000
 """Span of a chart, ns."""
 _MOST_CRASHES: Final = 6
+_UNSHADED: Final = ("trip", "impact")
+"""Events that last as long as the drive, or are crashes already."""
 
 
 class ReportParams(Params):
@@ -54,37 +57,34 @@ class ReportParams(Params):
 def report(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: ReportParams) -> list[Path]:
     """Write `folder/report.html` and `folder/report.json`; their paths."""
     facts = facts_of(streams, about, params.max_gap)
-    drawn = _drawings(streams, params.max_gap)
-    text = page(facts, drawn.findings, drawn.track, drawn.charts, drawn.closeups, drawn.notes)
+    text = page(facts, *_drawings(facts, streams, params.max_gap))
     paths = [folder / "report.html", folder / "report.json"]
     for path, content in zip(paths, (text, to_json(facts, indent=1) + "\n"), strict=True):
         path.write_text(content, encoding="utf-8", errors="backslashreplace")
     return paths
 
 
-@dataclass(frozen=True)
-class Drawings:
-    """Figures as HTML, and what one must know of them."""
-
-    findings: str
-    track: str
-    charts: str
-    closeups: str
-    notes: Sequence[str]
-
-
-def _drawings(streams: Mapping[str, pa.Table], max_gap: float) -> Drawings:
+def _drawings(
+    facts: dict[str, Any], streams: Mapping[str, pa.Table], max_gap: float
+) -> tuple[list[tuple[str, str]], list[str]]:
+    """Parts with figures, their titles and HTML, and what one must know of them."""
     recorded = Recording(streams).span_ns()
     if recorded is None:
-        return Drawings("", "", "", "", ("The run holds no rows.",))
+        return [], ["The run holds no rows."]
     spans, panels = _spans(streams.get("events")), panels_of(streams)
     start = recorded[0]
     lasts = [int(curve.t_ns[-1]) for panel in panels for curve in panel.curves]
     whole = Window(start, max([*lasts, start + _SHORTEST]), start)
     charts = events_key(spans) + "".join(figure(panel, whole, spans, max_gap) for panel in panels)
-    closeups = _closeups(panels, spans, start, max_gap)
     findings = findings_section(findings_in(streams.get("metrics")), _start_of_evidence(streams, start))
-    return Drawings(findings, track_map(streams, spans, start, max_gap), charts, closeups, _notes(whole, start, panels))
+    parts = [
+        ("The crash", crash_page(facts, streams, spans)),
+        ("What the data say of the log's conventions", findings),
+        ("Track", track_map(streams, spans, start, max_gap)),
+        ("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
+        ("Crashes, closer", _closeups(panels, spans, start, max_gap)),
+    ]
+    return parts, _notes(whole, start, panels)
 
 
 def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:
@@ -98,7 +98,7 @@ def _spans(events: pa.Table | None) -> list[Span]:
         return []
     kinds = [kind or "event" for kind in events["kind"].to_pylist()]
     times = (time_ns(events, name).tolist() for name in ("time", "end_time"))
-    return [Span(*row) for row in zip(*times, kinds, strict=True)]
+    return [Span(*row) for row in zip(*times, kinds, strict=True) if row[2] not in _UNSHADED]
 
 
 def _closeups(panels: Sequence[Panel], spans: Sequence[Span], zero_ns: int, max_gap: float) -> str:

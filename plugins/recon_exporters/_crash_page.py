@@ -1,0 +1,147 @@
+"""What a reader must know of a crash, at the top of a report: time line, vehicle, pulse, numbers, standards.
+
+The numbers are the metrics of the step that gave delta-V (analyzer.crash), each with its interval of 95 %, the standard
+that defines it and where its sigma comes from. With several crashes they are those of the severest one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+import pyarrow as pa
+
+from recon.tables import time_ns
+from recon_exporters._chart import Span
+from recon_exporters._crash_drawing import Moment, time_line, vehicle
+from recon_exporters._crash_pulse import pulse_charts
+from recon_exporters._page import CRASH_SIGN, Json, crash_step, number, shown, table
+
+_TITLES: Final[Mapping[str, str]] = {
+    "speed_before": "Speed before",
+    "delta_v_resultant_max": "Delta-V, horizontal",
+    "delta_v_long_max": "Delta-V, longitudinal (forward +)",
+    "delta_v_lat_max": "Delta-V, lateral (left +)",
+    "time_of_max": "Time of largest delta-V",
+    "pdof": "Principal direction of force, clockwise from the front",
+    "accel_peak_cfc60": "Peak acceleration, longitudinal",
+    "accel_peak_cfc60_magnitude": "Peak acceleration, magnitude",
+    "asi_1998": "Acceleration severity index, 1998",
+    "asi_2010": "Acceleration severity index, 2010",
+    "thiv": "Theoretical head impact velocity",
+    "phd": "Post-impact head deceleration",
+    "oiv_long": "Occupant impact velocity, longitudinal",
+    "oiv_lat": "Occupant impact velocity, lateral",
+    "ridedown": "Occupant ridedown acceleration",
+}
+_BEFORE_S, _AFTER_S = -5.0, 5.0
+_KINDS: Final = {
+    "harsh_braking": "harsh braking begins",
+    "standstill": "standstill begins",
+    "saturation": "the sensor reaches its range",
+    "speeding": "speeding begins",
+}
+
+
+def numbers_of(facts: Json) -> dict[str, Json]:
+    """Rows of the crash's metrics by name; empty where no step judged a crash."""
+    step = crash_step(facts)
+    return {row["name"]: row for row in facts["metrics"] if step and row["step"] == step and row["name"] in _TITLES}
+
+
+def crash_page(facts: Json, streams: Mapping[str, pa.Table], spans: list[Span]) -> str:
+    """The section's HTML; "" without a crash that was judged."""
+    rows = numbers_of(facts)
+    severest = _severest(streams.get("events"), [span for span in spans if span.kind == "crash"])
+    if not rows or severest is None:
+        return ""
+    direction = rows.get("pdof")
+    drawn = ""
+    if direction is not None and direction["value"] is not None:
+        drawn = vehicle(direction["value"], direction["low"], direction["high"])
+    parts = [
+        _sentence(rows),
+        time_line([*_moments(rows, severest, spans)], _BEFORE_S, _AFTER_S),
+        f'<div class="beside">{drawn}<div class="charts">{pulse_charts(streams, severest, spans)}</div></div>',
+        _numbers(rows),
+        _others(facts),
+    ]
+    return "".join(parts)
+
+
+def _severest(events: pa.Table | None, crashes: Sequence[Span]) -> Span | None:
+    """The crash that the numbers are about: that of the largest `impact`, else the first; None without a crash."""
+    if events is None or not crashes:
+        return None
+    kinds, sizes = events["kind"].to_pylist(), events["value"].to_pylist()
+    found = zip(kinds, sizes, time_ns(events).tolist(), strict=True)
+    impacts = [(size, start) for kind, size, start in found if kind == "impact" and size is not None]
+    worst = max(impacts)[1] if impacts else crashes[0].start_ns
+    return next((span for span in crashes if span.start_ns == worst), crashes[0])
+
+
+def _sentence(rows: Mapping[str, Json]) -> str:
+    """Speed before, delta-V and direction in one line."""
+    found = []
+    for name, words in (
+        ("speed_before", "At {}"),
+        (CRASH_SIGN, "the velocity changed by {}"),
+        ("pdof", "the force came from {}"),
+    ):
+        row = rows.get(name)
+        if row is not None and row["value"] is not None:
+            found.append(words.format(f"<b>{_with_interval(row)}</b>"))
+    return f'<p class="verdict">{", ".join(found)}.</p>' if found else ""
+
+
+def _with_interval(row: Json) -> str:
+    unit = {"deg": "°"}.get(row["unit"], f" {row['unit']}")
+    text = f"{_short(row, 'value')}{unit}"
+    if row["low"] is not None and row["high"] is not None:
+        text += f" (95 %: {_short(row, 'low')} to {_short(row, 'high')}{unit})"
+    return text
+
+
+def _short(row: Json, key: str) -> str:
+    """A number of a row to one digit of its sigma, for a sentence."""
+    return shown(row[key], 10.0 * row["sigma"] if row["sigma"] else None, 3)
+
+
+def _moments(rows: Mapping[str, Json], crash: Span, spans: Sequence[Span]) -> Iterator[Moment]:
+    speed, size = rows.get("speed_before"), rows[CRASH_SIGN]
+    told = f", {_short(speed, 'value')} km/h" if speed and speed["value"] is not None else ""
+    yield Moment(0.0, f"time zero{told}")
+    at = rows.get("time_of_max", {}).get("value")
+    if at is not None and size["value"] is not None:
+        yield Moment(at, f"largest delta-V, {_short(size, 'value')} km/h")
+    yield Moment((crash.end_ns - crash.start_ns) * 1e-9, "end of event")
+    for span in spans:
+        if span.kind in _KINDS:
+            yield Moment((span.start_ns - crash.start_ns) * 1e-9, _KINDS[span.kind])
+        elif span.kind == "crash" and span != crash:
+            yield Moment((span.start_ns - crash.start_ns) * 1e-9, "another crash")
+
+
+def _numbers(rows: Mapping[str, Json]) -> str:
+    """The table of metrics with intervals, methods and standards."""
+    lines = []
+    for name, title in _TITLES.items():
+        row = rows.get(name)
+        if row is None:
+            continue
+        sigma = row["sigma"]
+        edges = [number(row[key], sigma) for key in ("low", "high")]
+        told = (escape(row["method"] or ""), escape(row["note"] or ""))
+        lines.append((title, number(row["value"], sigma), number(sigma, digits=2), *edges, row["unit"] or "", *told))
+    head = ("", "value", "± sigma", "95 % from", "to", "unit", "standard and method", "note")
+    return table(head, lines, "Severity")
+
+
+def _others(facts: Json) -> str:
+    """All impacts, where there are several."""
+    impacts: list[dict[str, Any]] = [row for row in facts["events"] if row["kind"] == "impact"]
+    if len(impacts) < 2:
+        return ""
+    rows = ((number(row["t_s"], 0.01), number(row["value"]), escape(row["note"] or "")) for row in impacts)
+    return table(("after [s]", "delta-V [km/h]", "note"), rows, "All impacts; the numbers above are the severest one's")

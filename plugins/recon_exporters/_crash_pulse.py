@@ -1,0 +1,76 @@
+"""The pulse of a crash over milliseconds after time zero: accelerations as recorded and as CFC 60, and delta-V.
+
+delta-V = integral of the acceleration along axes of the vehicle from time zero (49 CFR 563; SAE J211-1 for CFC 60)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon.numerics.channel_class import channel_class
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.numerics.integration import cumulative
+from recon.numerics.signals import median_rate
+from recon.tables import Array, has, matrix, time_ns
+from recon_exporters._chart import Span, Window, figure
+from recon_exporters._panels import Curve, Panel
+
+BEFORE_NS: Final = 50_000_000
+AFTER_NS: Final = 350_000_000
+_PADDING_NS: Final = 500_000_000
+_CFC: Final = 60
+_GAP_S: Final = 0.05
+"""No line joins samples of a pulse that are further apart."""
+_NAMES: Final = (("forward", "x"), ("to the left", "y"))
+
+
+def pulse_charts(streams: Mapping[str, pa.Table], crash: Span, spans: list[Span]) -> str:
+    """Figures of the pulse; "" where no trajectory tells its acceleration."""
+    trajectory = streams.get("trajectory")
+    if trajectory is None or not has(trajectory, "accel"):
+        return ""
+    window = Window(crash.start_ns - BEFORE_NS, crash.start_ns + AFTER_NS, crash.start_ns)
+    shown = [span for span in spans if span.kind in ("crash", "saturation")]
+    return "".join(figure(panel, window, shown, _GAP_S) for panel in _panels(trajectory, crash.start_ns))
+
+
+def _panels(trajectory: pa.Table, zero_ns: int) -> Iterator[Panel]:
+    t_ns, accel = _around(trajectory, zero_ns)
+    if len(t_ns) < 3:
+        return
+    smooth = channel_class(accel, _CFC, median_rate(t_ns))
+    force = [
+        *(Curve(f"{n}, as recorded", f"raw {r}", t_ns, accel[:, i] / STANDARD_GRAVITY) for i, (n, r) in _axes()),
+        *(Curve(f"{n}, CFC {_CFC}", r, t_ns, smooth[:, i] / STANDARD_GRAVITY) for i, (n, r) in _axes()),
+    ]
+    yield Panel("pulse_accel", "Acceleration, time after time zero", "g", "crash", force, levels=(0.0,))
+    after = t_ns >= zero_ns
+    if after.sum() > 1:
+        t_ns, gained = t_ns[after], _gained(t_ns[after], accel[after])
+        curves = [Curve(name, role, t_ns, gained[:, i]) for i, (name, role) in _axes()]
+        curves.append(Curve("horizontal", "reference", t_ns, np.hypot(gained[:, 0], gained[:, 1])))
+        yield Panel("pulse_delta_v", "Delta-V, time after time zero", "km/h", "crash", curves, levels=(0.0,))
+
+
+def _axes() -> list[tuple[int, tuple[str, str]]]:
+    return list(enumerate(_NAMES))
+
+
+def _around(trajectory: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array]:
+    """Times (n,) ns and accelerations (n, 2) m/s^2 of the vehicle, some more than are shown, for the filter's ends."""
+    t_ns = time_ns(trajectory)
+    first, last = np.searchsorted(t_ns, [zero_ns - BEFORE_NS - _PADDING_NS, zero_ns + AFTER_NS + _PADDING_NS])
+    part = trajectory.slice(int(first), int(last - first))
+    accel = matrix(part, "accel", gaps=True)[:, :2]
+    known = np.isfinite(accel).all(axis=1)
+    return t_ns[first:last][known], accel[known]
+
+
+def _gained(t_ns: NDArray[np.int64], accel: Array) -> Array:
+    """Change of velocity since the first row (n, 2) km/h."""
+    return np.asarray(3.6 * cumulative((t_ns - t_ns[0]) * 1e-9, accel, "trapezoid"))
