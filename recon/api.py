@@ -215,11 +215,16 @@ def evaluate(
     return evaluation.evaluate(finished.trajectory.table, table, finished.events, align=align)
 
 
-def export(finished: Run, names: Iterable[str], registry: Registry | None = None) -> list[Path]:
-    """Make exports from a finished run that is kept in a folder. Returns the files."""
+def export(
+    finished: Run, names: Iterable[str], registry: Registry | None = None, overrides: Iterable[Override] = ()
+) -> list[Path]:
+    """Make exports from a finished run that is kept in a folder. Returns the files.
+
+    overrides : parameters of the exporters
+    """
     registry = registry or Registry.installed()
     empty = Pipeline("export", ())
-    plan, problems = check(with_exports(empty, names), registry, given=finished.recording.schemas())
+    plan, problems = check(with_exports(empty, names), registry, overrides, given=finished.recording.schemas())
     if problems:
         raise ConfigError(problems)
     return [path for step in plan.steps for path in export_step(finished, step)]

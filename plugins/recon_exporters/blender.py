@@ -80,6 +80,8 @@ class BlenderParams(SceneParams):
     resolution: tuple[int, int] = setting((1280, 720), doc="Width and height of pictures in pixels.")
     samples: int = setting(32, ge=1, le=65536, doc="Rays for each pixel: more are smoother and slower.")
     vehicle: str = setting("", doc="A .blend whose objects take the place of the car; forward is x, up z, in m.")
+    video: str = setting("", doc="A video of the drive that is shown behind the scene, in step with it.")
+    video_start: float = quantity(0.0, "s", doc="When the video begins, after the start of the trajectory.")
     solver: bool = setting(
         False, doc="After the first crash Blender's rigid-body solver moves the vehicle, no longer the log."
     )
@@ -177,6 +179,7 @@ def _look(trajectory: pa.Table, events: pa.Table | None, params: BlenderParams) 
         moment = film.start_ns + round(params.still * 1e9)
     return {
         "camera": params.camera,
+        "video": _video(params),
         "render": params.render,
         "still": float(film.frame_of(np.array([moment]))[0]),
         "resolution": list(params.resolution),
@@ -184,6 +187,15 @@ def _look(trajectory: pa.Table, events: pa.Table | None, params: BlenderParams) 
         "solver": _handover(film, [end for begin, end in crashes if begin in moments], params),
         "vehicle": str(Path(params.vehicle).resolve()) if params.vehicle else "",
     }
+
+
+def _video(params: BlenderParams) -> Json | None:
+    """The video, and when it begins. Raises DataError where it is not there."""
+    if not params.video:
+        return None
+    if not Path(params.video).is_file():
+        raise DataError(f"video: there is no file '{params.video}'")
+    return {"file": str(Path(params.video).resolve()), "start": params.video_start}
 
 
 def _handover(film: Film, ends: list[int], params: BlenderParams) -> Json | None:

@@ -12,6 +12,7 @@ from typer.main import get_command
 from recon import __version__
 from recon.cli import _console as console
 from recon.cli.batch import batch
+from recon.cli.blender_extension import blender_extension
 from recon.cli.compare import compare
 from recon.cli.convert import convert
 from recon.cli.demo import demo
@@ -38,7 +39,7 @@ UNWRAPPED: Final = 1000
 _VERBS: Final = (
     *(run, batch, fleet, validate, inspect, doctor, evaluate, compare, measure),
     *(explain, seal, verify),
-    *(plugins, export, view, convert, demo, schema, new_plugin),
+    *(plugins, export, view, convert, demo, schema, new_plugin, blender_extension),
 )
 _USAGE_ERROR: Final[Any] = typer.BadParameter.__base__  # typer does not export its name
 

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import car, crash, keyframes, rendering, scenery, views
+from . import car, crash, keyframes, rendering, scenery, video, views
 
 __all__ = ["build", "main"]
 
@@ -26,8 +26,8 @@ def main(folder: Path) -> None:
     rendering.render(scene, folder, _read(folder)["look"])
 
 
-def build(folder: Path) -> Any:
-    """Add the drive to the current scene, which is returned."""
+def build(folder: Path, own: Any = None) -> Any:
+    """Add the drive to the current scene, which is returned. own : an object that takes the place of the car."""
     plan = _read(folder)
     with np.load(folder / "scene.npz") as stored:
         arrays = {name: stored[name] for name in stored.files}
@@ -36,7 +36,7 @@ def build(folder: Path) -> Any:
     collection = bpy.data.collections.new("recon")
     scene.collection.children.link(collection)
     _describe(scene, plan)
-    vehicle = car.vehicle(collection, plan, arrays, look["vehicle"])
+    vehicle = car.vehicle(collection, plan, arrays, own or look["vehicle"])
     if "ghost_frame" in arrays:
         car.ghost(collection, arrays)
     scenery.sky_and_sun(scene, collection)
@@ -50,8 +50,11 @@ def build(folder: Path) -> Any:
     scene.camera = cameras[look["camera"]].thing
     for mark in plan["markers"]:
         scene.timeline_markers.new(mark["name"], frame=mark["frame"])
+    if look["video"] is not None:
+        video.behind(scene, scene.camera, arrays, look["video"])
     if look["solver"] is not None:
         crash.hand_over(scene, collection, vehicle, arrays, look["solver"])
+    rendering.prepare(scene, look)
     keyframes.show_frame(scene, look["still"])
     return scene
 

@@ -37,15 +37,20 @@ PAINT = "#0072B2"
 GHOST = "#E69F00"
 
 
-def vehicle(collection: Any, plan: Any, arrays: Any, own: str) -> Any:
-    """The animated empty "vehicle" with the car as its children; own : path of a .blend, "" for the car made here."""
+def vehicle(collection: Any, plan: Any, arrays: Any, own: Any) -> Any:
+    """The animated empty "vehicle" with the car as its children.
+
+    own : an object, or the path of a .blend; "" for the car made here
+    """
     frames = arrays["frame"]
     root = thing(collection, "vehicle", None)
     root.empty_display_type = "ARROWS"
     root["speed"] = 0.0
     move(root, frames, arrays["position"], arrays["q"], [('["speed"]', 0, arrays["speed"])])
-    if own:
+    if own and isinstance(own, str):
         _append(collection, root, own)
+    elif own:
+        _adopt(collection, root, [own, *own.children_recursive])
     else:
         _shell(collection, root, solid("paint", from_hex(PAINT), roughness=0.25, metallic=0.3))
         _wheels(collection, root, plan, arrays)
@@ -65,9 +70,15 @@ def _append(collection: Any, root: Any, path: str) -> None:
     """All objects of another file below the vehicle; forward is their x."""
     with bpy.data.libraries.load(path) as (there, here):
         here.objects = there.objects
-    for part in here.objects:
-        collection.objects.link(part)
-        if part.parent is None:
+    _adopt(collection, root, here.objects)
+
+
+def _adopt(collection: Any, root: Any, parts: Any) -> None:
+    """Objects move with the vehicle, as they stand about the origin."""
+    for part in parts:
+        if part.name not in collection.objects:
+            collection.objects.link(part)
+        if part.parent not in parts:
             part.parent = root
 
 

@@ -8,9 +8,12 @@ from typing import Any
 import bpy
 import numpy as np
 
+CONSTANT, LINEAR = 0, 1
+"""What is between two keys: the value of the first, or a straight line."""
 
-def animate(target: Any, kind: str, frames: Any, curves: Iterable[tuple[str, int, Any]]) -> None:
-    """Give a data block its animation, straight from key to key.
+
+def animate(target: Any, kind: str, frames: Any, curves: Iterable[tuple[str, int, Any]], between: int = LINEAR) -> None:
+    """Give a data block its animation.
 
     kind : its id_type, "OBJECT" or "NODETREE"; frames : (n,); curves : data path, index, values (n,)
     """
@@ -23,7 +26,7 @@ def animate(target: Any, kind: str, frames: Any, curves: Iterable[tuple[str, int
         points = curve.keyframe_points
         points.add(len(frames))
         points.foreach_set("co", np.column_stack((frames, values)).astype(np.float32).ravel())
-        points.foreach_set("interpolation", np.ones(len(frames), dtype=np.int32))  # linear
+        points.foreach_set("interpolation", np.full(len(frames), between, dtype=np.int32))
         curve.update()
 
 

@@ -8,12 +8,16 @@ from typing import Any
 import bpy
 
 
-def render(scene: Any, folder: Path, look: Any) -> None:
-    """Write `still.png` or `frames/0001.png` and so on, as the plan asks."""
+def prepare(scene: Any, look: Any) -> None:
+    """How pictures are made, by whoever asks for them."""
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples = "CPU", look["samples"]
     scene.cycles.use_denoising = _denoise(scene)
     scene.render.image_settings.file_format = "PNG"
+
+
+def render(scene: Any, folder: Path, look: Any) -> None:
+    """Write `still.png` or `frames/0001.png` and so on, as the plan asks."""
     if look["render"] == "still":
         scene.render.filepath = str(folder / "still.png")
         bpy.ops.render.render(write_still=True)
