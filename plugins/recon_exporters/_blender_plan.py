@@ -285,19 +285,20 @@ def _second(
 
 
 def _markers(events: pa.Table | None, outages: list[tuple[int, int]], film: Film) -> list[Json]:
-    """Events and outages that begin while the film runs, by the frame nearest to their beginning."""
-    found = [(begin, "outage", (end - begin) / _NS, "s") for begin, end in outages]
+    """Events and outages that the film shows, by the frame nearest to their beginning, or its first frame."""
+    found = [(begin, end, "outage", (end - begin) / _NS, "s") for begin, end in outages]
     if events is not None:
         told = events.select(["kind", "value", "unit"]).to_pylist()
-        begins = time_ns(events).tolist()
+        ends = events["end_time"].cast(pa.int64()).to_pylist()
         found += [
-            (begin, row["kind"] or "event", row["value"], row["unit"] or "")
-            for begin, row in zip(begins, told, strict=True)
+            (begin, end, row["kind"] or "event", row["value"], row["unit"] or "")
+            for begin, end, row in zip(time_ns(events).tolist(), ends, told, strict=True)
         ]
+    first, last = (film.start_ns + round(float(film.seconds[end]) * _NS) for end in (0, -1))
     marks = []
-    for begin, kind, value, unit in sorted(found, key=lambda mark: mark[0]):
-        at = np.array([begin])
-        if film.shows(at)[0]:
+    for begin, end, kind, value, unit in sorted(found, key=lambda mark: mark[0]):
+        if begin <= last and (begin >= first or end > first):
             name = kind if value is None else f"{kind} {value:.1f} {unit}".rstrip()
-            marks.append({"frame": round(float(film.frame_of(at)[0])), "kind": kind, "name": name})
+            frame = round(float(film.frame_of(np.array([begin]))[0]))
+            marks.append({"frame": frame, "kind": kind, "name": name})
     return marks

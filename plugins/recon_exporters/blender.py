@@ -229,7 +229,7 @@ def declare_exporters() -> Iterable[Exporter]:
         reads={
             "trajectory": TRAJECTORY.need("pos", "vel", "q", maybe=("pos_std",)),
             "gnss": GNSS.need("time", maybe=("lat", "lon", "height"), optional=True),
-            "events": EVENTS.need("kind", "value", "unit", optional=True),
+            "events": EVENTS.need("end_time", "kind", "value", "unit", optional=True),
         },
         every_stream=True,
         references=("Rajamani (2012), 2.2", "Shepard (1968)"),

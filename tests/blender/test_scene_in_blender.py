@@ -1,48 +1,18 @@
-"""The scene as Blender itself has it: curves, places, markers, pictures.
-
-RECON_BPY_PYTHON names a Python that has bpy; Blender on the path is tried beside it.
-"""
+"""The scene as Blender itself has it: curves, places, markers, pictures."""
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import subprocess
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
+from blender_scenes import SINGLE, Seen, assert_curves_hold, blender_on_the_path, bpy_python, look, run_inside
 from exporter_tables import drive, fixes, happened
 
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler, to_matrix
-from recon.tables import matrix, replace, time_ns, with_meta
+from recon.tables import matrix, replace, with_meta
 from recon_exporters.blender import BlenderParams, blender, find_blender
 
-INSIDE = Path(__file__).with_name("look_inside.py")
-SINGLE = 2.0**-24
-"""Relative rounding to single precision."""
 SLOW_FRAME, SOLVED_FRAME, FAST_FRAME = 26, 140, 201
-
-
-@dataclass(frozen=True)
-class Seen:
-    """A scene that Blender opened: its plan, its keys, and what it told."""
-
-    plan: Any
-    arrays: dict[str, Any]
-    curves: dict[str, Any]
-    facts: Any
-    folder: Path
-
-    def picture(self, frame: int) -> Any:
-        """(180, 320, 3) between 0 and 1, as displayed."""
-        from matplotlib.image import imread
-
-        return imread(self.folder / f"seen_{frame}.png")[..., :3]
 
 
 def a_drive():
@@ -55,32 +25,6 @@ def a_drive():
     anchor = {"lat": 44.5, "lon": 11.3, "height": 100.0}
     std = np.full((len(t_s), 3), 0.1)
     return with_meta(drive(t_s, pos=position, vel=velocity, q=q, pos_std=std), anchor=anchor, earth="wgs84")
-
-
-def look(program: list[str], folder: Path) -> Seen:
-    script = [*program, str(INSIDE)] + (["--"] if "--python" in program else [])
-    frames = f"{SLOW_FRAME},{SOLVED_FRAME},{FAST_FRAME}"
-    quiet = {**os.environ, "PYTHONPATH": ""}
-    done = subprocess.run([*script, str(folder), frames], capture_output=True, text=True, env=quiet, check=False)
-    assert (folder / "found.npz").is_file(), done.stdout + done.stderr
-    with np.load(folder / "scene.npz") as arrays, np.load(folder / "found.npz") as curves:
-        facts = json.loads((folder / "found.json").read_text(encoding="utf-8"))
-        plan = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
-        return Seen(plan, dict(arrays), dict(curves), facts, folder)
-
-
-def bpy_python() -> str:
-    named = os.environ.get("RECON_BPY_PYTHON", "")
-    if not named:
-        pytest.skip("RECON_BPY_PYTHON does not name a Python that has bpy")
-    return named
-
-
-def blender_on_the_path() -> str:
-    found = shutil.which("blender")
-    if found is None:
-        pytest.skip("there is no program 'blender'")
-    return found
 
 
 @pytest.fixture(scope="module", params=[bpy_python, blender_on_the_path])
@@ -103,22 +47,11 @@ def seen(program, tmp_path_factory) -> Seen:
     )
     assert folder / "scene.blend" in paths
     assert not list(folder.rglob("__pycache__"))
-    return look(find_blender(program), folder)
+    return look(find_blender(program), folder, SLOW_FRAME, FAST_FRAME)
 
 
 def test_curves_hold_the_trajectory_at_every_key(seen):
-    trajectory = a_drive()
-    rows = np.searchsorted(time_ns(trajectory), seen.arrays["time"])
-    position = matrix(trajectory, "pos")[rows] - seen.plan["origin"]
-    q = matrix(trajectory, "q")[rows]
-    for axis in range(3):
-        curve = seen.curves[f"vehicle location {axis}"]
-        assert np.abs(curve[:, 1] - position[:, axis]).max() <= SINGLE * np.abs(position[:, axis]).max()
-        assert np.abs(curve[:, 0] - seen.arrays["frame"]).max() <= SINGLE * 251
-    found = np.stack([seen.curves[f"vehicle rotation_quaternion {axis}"][:, 1] for axis in range(4)], axis=1)
-    # One rotation has two signs; the product of two unit quaternions misses 1 by the roundings of four terms.
-    assert np.abs(np.abs(np.sum(found * q, axis=1)) - 1.0).max() < 8 * SINGLE
-    assert (np.sum(found[1:] * found[:-1], axis=1) > 0.9).all()
+    assert_curves_hold(seen, a_drive())
 
 
 def test_wheels_and_display_are_animated_by_the_same_keys(seen):
@@ -198,7 +131,7 @@ def test_the_solver_lets_the_vehicle_slide_as_far_as_friction_does(program, tmp_
         about=RunInfo("a slide"),
         params=BlenderParams(blender=program, solver=True, friction=0.5, restitution=0.0),
     )
-    seen = look(find_blender(program), tmp_path)
+    seen = look(find_blender(program), tmp_path, SLOW_FRAME, SOLVED_FRAME)
     before, after = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (SLOW_FRAME, SOLVED_FRAME))
     assert np.abs(before[:3, 3] - (10.0, 0.0, 0.0)).max() < 0.04  # a step of the solver
     assert after[0, 3] - 10.0 == pytest.approx(10.0**2 / (2 * 0.5 * 9.81), rel=0.1)
@@ -233,9 +166,68 @@ def test_the_car_is_that_of_the_user_where_he_has_one(program, tmp_path):
         f"bpy.ops.wm.save_as_mainfile(filepath={str(own)!r})\n",
         encoding="utf-8",
     )
-    quiet = {**os.environ, "PYTHONPATH": ""}
-    subprocess.run([*find_blender(program), str(script)], env=quiet, check=True, capture_output=True)
+    said = run_inside(find_blender(program), script)
+    assert own.is_file(), said
     make(program, tmp_path / "scene", vehicle=str(own))
-    objects = look(find_blender(program), tmp_path / "scene").facts["objects"]
+    objects = look(find_blender(program), tmp_path / "scene", 1).facts["objects"]
     assert "my car" in objects
     assert not {"body", "cabin", "wheel front left"} & set(objects)
+
+
+CLIP = """
+import sys
+
+import bpy
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.world = bpy.data.worlds.new("light")
+scene.world.use_nodes = True
+color = next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground").inputs["Color"]
+camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+scene.collection.objects.link(camera)
+scene.camera = camera
+scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+scene.view_settings.view_transform = "Standard"
+scene.render.resolution_x, scene.render.resolution_y, scene.render.fps = 64, 36, 10
+scene.frame_start, scene.frame_end = 1, 20
+
+
+def paint(scene, *rest):
+    color.default_value = (1.0, 0.0, 0.0, 1.0) if scene.frame_current <= 10 else (0.0, 1.0, 0.0, 1.0)
+
+
+bpy.app.handlers.frame_change_pre.append(paint)
+if bpy.app.version >= (5, 0, 0):
+    scene.render.image_settings.media_type = "VIDEO"
+scene.render.image_settings.file_format = "FFMPEG"
+scene.render.ffmpeg.format, scene.render.ffmpeg.codec = "MPEG4", "H264"
+scene.render.ffmpeg.gopsize, scene.render.use_file_extension = 1, False
+scene.render.filepath = sys.argv[-1]
+bpy.ops.render.render(animation=True)
+"""
+"""A second of red, then one of green, at ten frames a second: Blender makes it itself."""
+
+
+def test_a_video_is_behind_the_scene_in_step_with_it(program, tmp_path):
+    """It begins 3 s after the start of a film that is half as fast there: green from 4 s on, which is frame 126."""
+    clip, script = tmp_path / "clip.mp4", tmp_path / "clip.py"
+    script.write_text(CLIP, encoding="utf-8")
+    said = run_inside(find_blender(program), script, str(clip))
+    assert clip.is_file(), said
+    t_s = np.arange(0.0, 6.001, 0.01)
+    blender(
+        trajectory=drive(t_s, pos=np.outer(t_s, (5.0, 0.0, 0.0)), vel=np.tile((5.0, 0.0, 0.0), (len(t_s), 1))),
+        gnss=None,
+        events=happened((4.0, 4.1), kind="crash"),
+        streams={},
+        folder=tmp_path,
+        about=RunInfo("a video"),
+        params=BlenderParams(
+            blender=program, video=str(clip), video_start=3.0, slow_motion=2.0, slow_span=1.0, camera="driver"
+        ),
+    )
+    frames = (80, 125, 126, 170)  # at 3.08, 3.98, 4 and 4.88 s
+    seen = look(find_blender(program), tmp_path, *frames)
+    shown = [seen.picture(frame)[10:60, 100:220].mean(axis=(0, 1)).argmax() for frame in frames]
+    assert shown == [0, 0, 1, 1]

@@ -245,6 +245,13 @@ def test_events_outside_of_the_film_are_no_markers(tmp_path):
     assert facts["markers"] == []
 
 
+def test_an_event_that_lasts_into_the_film_is_marked_at_its_beginning(tmp_path):
+    """What is over when it begins is not: it only touches the first frame."""
+    events = happened((1.0, 3.0), (1.0, 4.0), kind="standstill")
+    facts, _ = export(tmp_path, straight(np.arange(0.0, 9.0, 0.01)), events=events, start=3.0)
+    assert facts["markers"] == [{"frame": 1, "kind": "standstill", "name": "standstill"}]
+
+
 # --- a second run ---------------------------------------------------------------------------------------------------
 
 
@@ -330,3 +337,8 @@ def test_what_blender_said_last_is_told_when_it_fails(tmp_path):
     (tmp_path / "build_scene.py").write_text("raise ValueError('no such socket')", encoding="utf-8")
     with pytest.raises(PluginError, match="ValueError: no such socket"):
         run_builder([sys.executable], tmp_path)
+
+
+def test_a_video_that_is_not_there_is_told_in_one_sentence(tmp_path):
+    with pytest.raises(DataError, match=r"^video: there is no file 'dashcam\.mp4'$"):
+        export(tmp_path, straight(np.arange(0.0, 4.0, 0.01)), video="dashcam.mp4")

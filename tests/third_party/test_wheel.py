@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -61,3 +62,23 @@ def test_the_demo_runs_from_the_wheel(home: Path, tmp_path: Path) -> None:
     done = python("-m", "recon", "demo", "--out", "demo", home=home, cwd=tmp_path)
     assert (tmp_path / "demo" / "thesis" / "manifest.json").is_file()
     assert "Traceback" not in done.stderr
+
+
+def test_an_installed_recon_makes_its_own_wheel_again(home: Path, tmp_path: Path) -> None:
+    """As the extension for Blender needs it: the same files, and pip takes it."""
+    code = (
+        "from importlib.metadata import distributions; from pathlib import Path;"
+        "from recon.own_wheel import from_record;"
+        f"(found,) = [d for d in distributions(path=[{str(home)!r}]) if d.name == 'recon-dynamics'];"
+        "print(from_record(found, Path()))"
+    )
+    made = tmp_path / python("-c", code, home=home, cwd=tmp_path).stdout.strip()
+    (built,) = home.parent.glob("*.whl")
+    assert made.name == built.name
+    with zipfile.ZipFile(made) as again, zipfile.ZipFile(built) as first:
+        names = {name for name in first.namelist() if not name.endswith("RECORD")}
+        assert {name for name in again.namelist() if not name.endswith("RECORD")} == names
+        assert all(again.read(name) == first.read(name) for name in names)
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(tmp_path / "site"), str(made)], check=True)
+    assert (tmp_path / "site" / "recon" / "pipelines" / "thesis.yaml").is_file()

@@ -27,7 +27,7 @@ def behind(scene: Any, camera: Any, arrays: Any, given: Any) -> None:
     shown = np.clip(1 + np.floor((elapsed - given["start"]) * rate + 1e-6), 1, count)
     image = bpy.data.images.load(given["file"])
     backdrop = camera.data.background_images.new()
-    backdrop.image, backdrop.alpha, backdrop.display_depth = image, 1.0, "BACK"
+    backdrop.image, backdrop.alpha, backdrop.display_depth, backdrop.frame_method = image, 1.0, "BACK", "FIT"
     camera.data.show_background_images = True
     tree, source = _below(scene, image)
     for user in (backdrop.image_user, source):

@@ -160,8 +160,9 @@ def show(context: Any, run: Path, own: Any) -> None:
         build(run / "exports" / "blender", own)
     for area in context.screen.areas if context.screen else ():
         if area.type == "VIEW_3D":
-            area.spaces.active.region_3d.view_perspective = "CAMERA"
-            area.spaces.active.shading.type = "MATERIAL"
+            view = area.spaces.active
+            view.region_3d.view_perspective = "CAMERA"
+            view.shading.type, view.shading.use_scene_world, view.shading.use_scene_lights = "MATERIAL", True, True
 
 
 def _note(said: list[str]) -> None:

@@ -24,7 +24,6 @@ class Main(_Panel, bpy.types.Panel):
     def draw(self, context: Any) -> None:
         """Called by Blender."""
         given, layout = context.window_manager.recon, self.layout
-        layout.use_property_split = True
         inputs = layout.column()
         inputs.enabled = not given.running
         for name in ("log", "pipeline", *OPTIONS[given.pipeline]):
@@ -97,7 +96,6 @@ CLASSES = (Main, Film, Doubt, Solver, Result)
 
 def _draw(layout: Any, context: Any, *names: str) -> None:
     given = context.window_manager.recon
-    layout.use_property_split = True
     for name in names:
         layout.prop(given, name)
 

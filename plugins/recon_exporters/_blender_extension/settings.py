@@ -19,7 +19,7 @@ from .running import PACKAGES
 
 PIPELINES = {
     "thesis": ("The thesis' method", "A step each, for logs with long stops and straight accelerations"),
-    "best_accuracy": ("Best accuracy", "The best trajectory of a whole drive, with sigmas; it needs GNSS positions"),
+    "best_accuracy": ("Best accuracy", "The best trajectory of a whole drive, with sigmas, by GNSS and IMU"),
     "crash": ("Crash", "The time around an impact"),
 }
 
