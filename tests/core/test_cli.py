@@ -148,6 +148,11 @@ class Ended(NamedTuple):
     err: str
 
 
+VERBS = (
+    *("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema", "new-plugin"),
+    "blender-extension",
+)
+
 Cli = Callable[..., Ended]
 
 
@@ -204,12 +209,12 @@ def test_without_a_verb_it_shows_help_that_names_all_of_them(cli: Cli) -> None:
     ended = cli()
     assert ended.code == 0
     assert ended == cli("--help")
-    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema", "new-plugin"):
+    for verb in VERBS:
         assert f"\n  {verb} " in ended.out
 
 
 def test_every_verb_has_help_with_an_example(cli: Cli) -> None:
-    for verb in ("run", "validate", "inspect", "plugins", "export", "convert", "demo", "schema", "new-plugin"):
+    for verb in VERBS:
         ended = cli(verb, "--help")
         assert ended.code == 0
         assert f"Example: recon {verb}" in ended.out
@@ -577,6 +582,15 @@ def test_an_export_is_made_from_a_finished_run(cli: Cli, tmp_path: Path) -> None
     ended = cli("export", "drive-box", "count")
     assert ended == (0, f"{Path('drive-box/exports/count/rows.txt')}\n", "")
     assert (tmp_path / "drive-box/exports/count/rows.txt").read_text() == "100"
+
+
+def test_an_export_takes_parameters(cli: Cli, tmp_path: Path) -> None:
+    cli("run", "box.yaml", "drive.txt")
+    assert cli("export", "drive-box", "csv", "--set", "exporter.csv.delimiter=semicolon").code == 0
+    assert ";" in (tmp_path / "drive-box/exports/csv/imu.csv").read_text().splitlines()[0]
+    ended = cli("export", "drive-box", "csv", "--set", "exporter.csv.delimeter=semicolon")
+    assert ended.code == 2
+    assert "did you mean 'delimiter'?" in ended.err
 
 
 def test_an_export_needs_a_finished_run(cli: Cli) -> None:
