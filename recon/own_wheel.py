@@ -64,7 +64,8 @@ def pip(*words: str) -> None:
 
 def _checkout(found: Distribution) -> Path | None:
     """Folder of the source that is installed as it is, by pip install --editable."""
-    origin = json.loads(found.read_text("direct_url.json") or "{}")
+    told = next((path for path in found.files or () if path.name == "direct_url.json"), None)
+    origin = json.loads(Path(str(told.locate())).read_text(encoding="utf-8")) if told is not None else {}
     if not origin.get("dir_info", {}).get("editable"):
         return None
     return Path(url2pathname(urlsplit(origin["url"]).path))

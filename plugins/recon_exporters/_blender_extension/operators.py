@@ -6,6 +6,8 @@ Called by a script they return when all is done.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +22,34 @@ INTERVAL = 0.2
 TEXT = "recon"
 
 
+@dataclass(frozen=True)
+class Task:
+    """What a button asks of recon, from what the panel asked for.
+
+    missing : what has to be given first, "" where nothing is missing; words : for the command line of recon
+    result : folder of the run whose scene is shown
+    """
+
+    missing: Callable[[Any], str]
+    words: Callable[[Any], list[str]]
+    result: Callable[[Any], Path]
+
+
+def no_log(given: Any) -> str:
+    """Is there a log?"""
+    return "" if given.log and absolute(given.log).exists() else "Choose a log first"
+
+
+def no_run(given: Any) -> str:
+    """Is there a run?"""
+    there = given.result and (absolute(given.result) / "manifest.json").is_file()
+    return "" if there else "Choose the folder of a finished run first: it holds manifest.json"
+
+
 class _Working:
     """An operator that waits for recon and then builds the scene that it planned."""
 
+    task: Task
     work: Work
     timer: Any
 
@@ -59,12 +86,12 @@ class _Working:
 
     def _begin(self, context: Any) -> bool:
         given = context.window_manager.recon
-        missing = self.missing(given)
+        missing = self.task.missing(given)
         if missing or given.running:
             self.report({"ERROR"}, missing or "It is running already")  # type: ignore[attr-defined]
             return False
         given.running, given.cancelled, given.progress, given.status = True, False, 0.0, "starting"
-        self.work = Work.start(self.words(given), PACKAGES.search_path())
+        self.work = Work.start(self.task.words(given), PACKAGES.search_path())
         return True
 
     def _end(self, context: Any) -> set[str]:
@@ -78,23 +105,11 @@ class _Working:
             given.status = failure
             self.report({"ERROR"}, failure)  # type: ignore[attr-defined]
             return {"CANCELLED"}
-        folder = self.result(given)
+        folder = self.task.result(given)
         _note(self.work.said)
         show(context, folder, given.own)
         given.result, given.status = str(folder), f"done: {folder.name}"
         return {"FINISHED"}
-
-    def missing(self, given: Any) -> str:
-        """What has to be given first; "" where nothing is missing."""
-        raise NotImplementedError
-
-    def words(self, given: Any) -> list[str]:
-        """Words for the command line of recon."""
-        raise NotImplementedError
-
-    def result(self, given: Any) -> Path:
-        """Folder of the run whose scene is shown."""
-        raise NotImplementedError
 
 
 class Reconstruct(_Working, bpy.types.Operator):
@@ -102,18 +117,7 @@ class Reconstruct(_Working, bpy.types.Operator):
 
     bl_idname = "recon.reconstruct"
     bl_label = "Reconstruct"
-
-    def missing(self, given: Any) -> str:
-        """Is there a log?"""
-        return "" if given.log and absolute(given.log).exists() else "Choose a log first"
-
-    def words(self, given: Any) -> list[str]:
-        """`recon run`."""
-        return run_words(given)
-
-    def result(self, given: Any) -> Path:
-        """The run that is made."""
-        return result_of(given)
+    task = Task(no_log, run_words, result_of)
 
 
 class LoadResult(_Working, bpy.types.Operator):
@@ -121,19 +125,7 @@ class LoadResult(_Working, bpy.types.Operator):
 
     bl_idname = "recon.load_result"
     bl_label = "Load result"
-
-    def missing(self, given: Any) -> str:
-        """Is there a run?"""
-        there = given.result and (absolute(given.result) / "manifest.json").is_file()
-        return "" if there else "Choose the folder of a finished run first: it holds manifest.json"
-
-    def words(self, given: Any) -> list[str]:
-        """`recon export`."""
-        return export_words(given)
-
-    def result(self, given: Any) -> Path:
-        """The run that is loaded."""
-        return absolute(given.result)
+    task = Task(no_run, export_words, lambda given: absolute(given.result))
 
 
 class Cancel(bpy.types.Operator):
