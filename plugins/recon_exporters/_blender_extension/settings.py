@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .running import PACKAGES
+
+props = bpy.props
 
 PIPELINES = {
     "thesis": ("The thesis' method", "A step each, for logs with long stops and straight accelerations"),
     "best_accuracy": ("Best accuracy", "The best trajectory of a whole drive, with sigmas, by GNSS and IMU"),
+    "driving": ("Driving", "Best accuracy, and harsh braking, turns and the like as events"),
     "crash": ("Crash", "The time around an impact"),
 }
 
@@ -55,65 +57,70 @@ OPTIONS: dict[str, dict[str, Option]] = {
     "thesis": {
         "window": Option(
             "filter.moving_average.window",
-            FloatProperty,
+            props.FloatProperty,
             _number("Averaging", "s over which vibration is averaged: more is smoother, a peak lower", 0.05, 0.0, 5.0),
             "s",
         ),
         "weight": Option(
             "fuser.weighted_average.weight",
-            FloatProperty,
+            props.FloatProperty,
             _number("Weight of GNSS", "At each record, between 0 and 1", 0.01, 0.0, 1.0, precision=3),
         ),
     },
     "best_accuracy": {
         "sensor_class": Option(
             "fuser.map.sensor_class",
-            EnumProperty,
+            props.EnumProperty,
             _choice("Sensors", "What kind of IMU it is", "consumer_mems", "automotive", "industrial", "tactical"),
         ),
         "wheels": Option(
-            "fuser.map.wheels", BoolProperty, {"name": "On wheels", "default": True, "description": "It hardly slips"}
+            "fuser.map.wheels",
+            props.BoolProperty,
+            {"name": "On wheels", "default": True, "description": "It hardly slips"},
         ),
     },
+    "driving": {},
     "crash": {},
     "film": {
-        "fps": Option("exporter.blender.fps", IntProperty, _number("Frames per second", "Of the film", 25, 1, 1000)),
+        "fps": Option(
+            "exporter.blender.fps", props.IntProperty, _number("Frames per second", "Of the film", 25, 1, 1000)
+        ),
         "start": Option(
             "exporter.blender.start",
-            FloatProperty,
+            props.FloatProperty,
             _number("From (s)", "Where the film begins, s after the start of the log", 0.0, 0.0, 1e6),
             "s",
         ),
         "end": Option(
             "exporter.blender.end",
-            FloatProperty,
+            props.FloatProperty,
             _number("To (s)", "Where it ends, s after the start of the log; 0: its end", 0.0, 0.0, 1e6),
             "s",
         ),
         "slow_motion": Option(
             "exporter.blender.slow_motion",
-            FloatProperty,
+            props.FloatProperty,
             _number("Slow motion", "How many times slower the film runs around a crash", 1.0, 1.0, 1000.0),
         ),
         "slow_span": Option(
             "exporter.blender.slow_span",
-            FloatProperty,
+            props.FloatProperty,
             _number("Around a crash (s)", "How long before and after a crash it runs slowly", 1.0, 0.0, 3600.0),
             "s",
         ),
         "camera": Option(
             "exporter.blender.camera",
-            EnumProperty,
+            props.EnumProperty,
             _choice("Camera", "Through which the scene is seen", "follow", "top", "driver", "overview"),
         ),
         "vertical": Option(
             "exporter.blender.vertical",
-            BoolProperty,
+            props.BoolProperty,
             {"name": "Vertical motion", "default": True, "description": "Does the vehicle rise and sink?"},
         ),
         "video": Option(
             "exporter.blender.video",
-            StringProperty,
+            props.StringProperty,
             {
                 "name": "Video",
                 "default": "",
@@ -124,7 +131,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
         ),
         "video_start": Option(
             "exporter.blender.video_start",
-            FloatProperty,
+            props.FloatProperty,
             _number("Video begins (s)", "s after the start of the log", 0.0, -1e6, 1e6),
             "s",
         ),
@@ -132,12 +139,12 @@ OPTIONS: dict[str, dict[str, Option]] = {
     "doubt": {
         "tube": Option(
             "exporter.blender.tube",
-            FloatProperty,
+            props.FloatProperty,
             _number("Tube (sigma)", "Standard deviations that a tube around the path shows", 0.0, 0.0, 100.0),
         ),
         "ghost": Option(
             "exporter.blender.ghost",
-            StringProperty,
+            props.StringProperty,
             {
                 "name": "Ghost",
                 "default": "",
@@ -150,7 +157,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
     "solver": {
         "solver": Option(
             "exporter.blender.solver",
-            BoolProperty,
+            props.BoolProperty,
             {
                 "name": "Solver after the crash",
                 "default": False,
@@ -158,19 +165,19 @@ OPTIONS: dict[str, dict[str, Option]] = {
             },
         ),
         "mass": Option(
-            "exporter.blender.mass", FloatProperty, _number("Mass (kg)", "Of the vehicle", 1300.0, 1.0, 1e6), "kg"
+            "exporter.blender.mass", props.FloatProperty, _number("Mass (kg)", "Of the vehicle", 1300.0, 1.0, 1e6), "kg"
         ),
         "restitution": Option(
             "exporter.blender.restitution",
-            FloatProperty,
+            props.FloatProperty,
             _number("Restitution", "1 loses no energy", 0.2, 0.0, 1.0),
         ),
         "friction": Option(
-            "exporter.blender.friction", FloatProperty, _number("Friction", "On the ground", 0.7, 0.0, 10.0)
+            "exporter.blender.friction", props.FloatProperty, _number("Friction", "On the ground", 0.7, 0.0, 10.0)
         ),
     },
 }
-"""By the part of the panel that shows them; the first three belong to a pipeline."""
+"""By the part of the panel that shows them; the first ones belong to a pipeline."""
 
 
 def pipelines() -> list[tuple[str, str, str]]:
@@ -181,18 +188,22 @@ def pipelines() -> list[tuple[str, str, str]]:
 
 def _properties() -> dict[str, Any]:
     made = {
-        "log": StringProperty(name="Log", subtype="FILE_PATH", description="What the box in the vehicle wrote"),
-        "pipeline": EnumProperty(name="Method", items=pipelines(), description="How it is reconstructed"),
-        "folder": StringProperty(name="Result", subtype="DIR_PATH", description="Its folder; empty: beside the log"),
-        "more": StringProperty(name="More", description="Further parameters: STEP.NAME=VALUE STEP.NAME=VALUE"),
-        "own": PointerProperty(
+        "log": props.StringProperty(name="Log", subtype="FILE_PATH", description="What the box in the vehicle wrote"),
+        "pipeline": props.EnumProperty(name="Method", items=pipelines(), description="How it is reconstructed"),
+        "folder": props.StringProperty(
+            name="Result", subtype="DIR_PATH", description="Its folder; empty: beside the log"
+        ),
+        "more": props.StringProperty(name="More", description="Further parameters: STEP.NAME=VALUE STEP.NAME=VALUE"),
+        "own": props.PointerProperty(
             name="Own vehicle", type=bpy.types.Object, description="It takes the place of the car: forward is x, up z"
         ),
-        "result": StringProperty(name="Folder", subtype="DIR_PATH", description="Of a run that recon made before"),
-        "status": StringProperty(options={"SKIP_SAVE"}),
-        "progress": FloatProperty(min=0.0, max=1.0, options={"SKIP_SAVE"}),
-        "running": BoolProperty(options={"SKIP_SAVE"}),
-        "cancelled": BoolProperty(options={"SKIP_SAVE"}),
+        "result": props.StringProperty(
+            name="Folder", subtype="DIR_PATH", description="Of a run that recon made before"
+        ),
+        "status": props.StringProperty(options={"SKIP_SAVE"}),
+        "progress": props.FloatProperty(min=0.0, max=1.0, options={"SKIP_SAVE"}),
+        "running": props.BoolProperty(options={"SKIP_SAVE"}),
+        "cancelled": props.BoolProperty(options={"SKIP_SAVE"}),
     }
     for options in OPTIONS.values():
         made.update((name, option.make(**option.given)) for name, option in options.items())
