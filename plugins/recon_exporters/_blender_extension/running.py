@@ -37,11 +37,11 @@ class Packages:
         installed = find_spec("recon")
         unpacked = self.root / "unpacked"
         for wheel in self._wheels("" if installed is None else "numpy-"):
-            done = unpacked / f"{wheel.stem}.done"
-            if not done.is_file():
+            done, this = unpacked / f"{wheel.stem}.done", str(wheel.stat().st_mtime_ns)
+            if not done.is_file() or done.read_text(encoding="utf-8") != this:  # it was installed anew
                 with zipfile.ZipFile(wheel) as archive:
                     archive.extractall(unpacked)
-                done.touch()
+                done.write_text(this, encoding="utf-8")
         beside = [str(Path(installed.origin).parents[1])] if installed is not None and installed.origin else []
         return [str(unpacked), *beside]
 
