@@ -84,6 +84,12 @@ def turned(columns: Mapping[str, Array], axes: str, *, down: bool = False) -> di
     return found
 
 
+def valued(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """The columns of groups that have a value anywhere."""
+    groups = {group_of(name) for name, values in columns.items() if np.isfinite(values).any()}
+    return {name: values for name, values in columns.items() if group_of(name) in groups}
+
+
 def plausible(path: Path, stream: str, columns: Mapping[str, Array]) -> tuple[dict[str, Array], list[Metric]]:
     """The columns with NaN in the place of numbers that no vehicle shows, and how many these were.
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
-import numpy as np
 import pyarrow as pa
 from pydantic import BeforeValidator
 
@@ -27,7 +26,7 @@ from recon_readers._arrays import interleave
 from recon_readers._collector import Collector, Language
 from recon_readers._csv_mapping import Axes
 from recon_readers._message_kinds import KINDS, Kind
-from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned
+from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned, valued
 from recon_readers._time_order import Times
 
 READ: Final = ("imu", "gnss", "mag", "baro", "wheel", "reference")
@@ -202,7 +201,7 @@ class Intake:
             columns = turned(columns, self.params.axes, down=self.params.at_rest == "down")
         columns, told = plausible(self.path, part.kind.stream, columns)
         self.learnt += told
-        return t_ns[rows], {key: values for key, values in columns.items() if np.isfinite(values).any()}
+        return t_ns[rows], valued(columns)
 
     def _facts(self, topic: Topic, part: Part, columns: dict[str, Array]) -> dict[str, Any]:
         facts = {**part.kind.facts, **topic.facts}

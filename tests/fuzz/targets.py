@@ -33,6 +33,7 @@ from recon.validation import validate_pipeline
 from recon.yaml_nodes import load_file
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import autopilot_logs
 import ros_logs
 
 Sample: TypeAlias = Mapping[str, bytes]
@@ -296,6 +297,19 @@ def rosbag_samples() -> list[Sample]:
     return [{"drive.bag": one}, two, three, alone, {"drive.bag": one}]
 
 
+def ulog_samples() -> list[Sample]:
+    return [{"flight.ulg": autopilot_logs.ulog(0.5)}]
+
+
+def ardupilot_samples() -> list[Sample]:
+    """DataFlash, and telemetry of both versions of MAVLink."""
+    return [
+        {"flight.bin": autopilot_logs.dataflash(0.5)},
+        {"flight.tlog": autopilot_logs.tlog(0.5)},
+        {"flight.tlog": autopilot_logs.tlog(0.5, version=1)},
+    ]
+
+
 def foreign_mcap_samples() -> list[Sample]:
     """Logs of ROS 2, whole and without checksums, and of Foxglove's messages."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -375,4 +389,6 @@ TARGETS: Final[dict[str, Target]] = {
     **{name: logger_target(name) for name in LOGGERS},
     "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
     "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
+    "ulog": Target(ulog_samples, read_by("reader.ulog")),
+    "ardupilot": Target(ardupilot_samples, read_by("reader.ardupilot")),
 }

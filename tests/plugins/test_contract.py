@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import autopilot_logs
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -38,6 +39,7 @@ TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
 BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for form in ("bag", "sqlite3", "mcap")}
 IMAGES = FOLDER / "images"
+FLIGHTS = {name: FOLDER / f"flight.{name}" for name in ("ulg", "bin", "tlog")}
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "drive.pos", "sbet.out"))
@@ -73,6 +75,9 @@ def files() -> Iterator[None]:
         (IMAGES / f"{1_574_762_400_000 + 40 * number}.jpg").touch()
     names = sorted(path.name for path in IMAGES.iterdir())
     (IMAGES / "list.txt").write_text("".join(f"{Path(name).stem} {name}\n" for name in names), encoding="utf-8")
+    makers = (autopilot_logs.ulog, autopilot_logs.dataflash, autopilot_logs.tlog)
+    for path, make in zip(FLIGHTS.values(), makers, strict=True):
+        path.write_bytes(make())
     for form, path in BAGS.items():
         ros_logs.write(path, form)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
@@ -190,6 +195,16 @@ def test_reader_parquet(law: BoundLaw) -> None:
     ],
 )
 def test_reader_mcap(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.ulog", cases=[Case(path=FLIGHTS["ulg"])])
+def test_reader_ulog(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.ardupilot", cases=[Case("bin", path=FLIGHTS["bin"]), Case("tlog", path=FLIGHTS["tlog"])])
+def test_reader_ardupilot(law: BoundLaw) -> None:
     law()
 
 

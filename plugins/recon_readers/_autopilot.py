@@ -1,0 +1,125 @@
+"""What logs of autopilots have in common: sensors forward, right, down; an on-board estimate north, east, down."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon.errors import NothingUsable
+from recon.numerics.geodesy import Anchor, enu_to_geodetic
+from recon.numerics.rotation import multiply
+from recon.rows import Metric, metrics, warning
+from recon.schema import STREAMS
+from recon.stages import Wanted
+from recon.tables import Array, Streams, with_meta
+from recon_readers._arrays import interleave, unit_quaternions
+from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned, valued
+from recon_readers._time_order import Times
+
+GAUSS: Final = 1e-4
+"""T."""
+LONGEST_NS: Final = 10**17
+"""No autopilot runs for three years; a time of more is damaged."""
+_ENU_NED: Final = np.array((0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0))
+"""Quaternion from north, east, down to east, north, up."""
+_FRD_FLU: Final = np.array((0.0, 1.0, 0.0, 0.0))
+"""Quaternion from forward, left, up to forward, right, down."""
+
+
+@dataclass
+class Log:
+    """Streams as they come out of one log.
+
+    offset_ns : UTC minus the log's clock, None where nothing tells it; facts : of all streams
+    """
+
+    path: Path
+    wanted: Wanted
+    facts: Mapping[str, Any]
+    offset_ns: int | None = None
+    made: dict[str, pa.Table] = field(default_factory=dict)
+    learnt: list[Metric] = field(default_factory=list)
+
+    def wants(self, stream: str) -> bool:
+        """Does a later step read anything of a stream?"""
+        return bool(self.wanted.of(stream, STREAMS[stream].names))
+
+    def add(self, stream: str, source: str, t_ns: Times, columns: Mapping[str, Array], **facts: Any) -> None:
+        """A stream of a sensor, the next further one where there is one already.
+
+        t_ns : (n,) ns of the log's clock, in any order; columns : (n,) by name, in the units of the stream, NaN where
+        unknown; source : what the log calls it
+        """
+        sane = (t_ns >= 0) & (t_ns < LONGEST_NS)
+        t_ns = t_ns[sane]
+        names = self.wanted.of(stream, columns)
+        chosen = valued({name: columns[name][sane] for name in names})
+        if not chosen or not len(t_ns):
+            return
+        rows, told = rising(t_ns, source)
+        self.learnt += told
+        chosen, told = plausible(self.path, stream, {name: values[rows] for name, values in chosen.items()})
+        self.learnt += told
+        number = sum(name.rstrip("_0123456789") == stream for name in self.made) + 1
+        key = stream if number == 1 else f"{stream}_{number}"
+        t_ns = t_ns[rows] + (self.offset_ns or 0)
+        clock = "absolute" if self.offset_ns is not None and len(t_ns) and t_ns[0] >= EARLIEST_NS else "relative"
+        own = {name: value for name, value in facts.items() if value is not None}
+        table = described(stream, t_ns, chosen)
+        self.made[key] = with_meta(table, **self.facts, **own, clock=clock, time_scale="UTC", source=source)
+        self.learnt.append(Metric("source", float(table.num_rows), method=key, note=source))
+
+    def add_frd(self, stream: str, source: str, t_ns: Times, columns: Mapping[str, Array]) -> None:
+        """A stream whose vectors are logged along forward, right, down; they are given along forward, left, up."""
+        self.add(stream, source, t_ns, turned(columns, "FRD"), axes="FRD")
+
+    def streams(self, held: str) -> Streams:
+        """All streams. Raises NothingUsable, with what the log holds, where there is none."""
+        if not self.made:
+            raise NothingUsable(self.path, f"it holds nothing that is read; it holds {held}", hint=_NOTHING)
+        if self.offset_ns is None:
+            self.learnt.append(warning("nothing in the log tells UTC: times count from the start of the autopilot"))
+        return {**self.made, "metrics": metrics([*self.learnt, *doubts(self.made)])}
+
+
+_NOTHING: Final = "was the logging of sensors switched on, and do the steps read what the log holds?"
+
+
+def attitude(q_ned: Array) -> Array:
+    """Attitudes of forward, left, up in east, north, up from those of forward, right, down in north, east, down."""
+    return np.asarray(multiply(multiply(_ENU_NED, unit_quaternions(q_ned)), _FRD_FLU))
+
+
+def pose(
+    moved: tuple[Times, Array, Array], turned_q: tuple[Times, Array] | None, anchor: Anchor | None
+) -> tuple[Times, dict[str, Array], dict[str, Any]]:
+    """Times, columns and facts of a reference: positions and attitudes at their own times.
+
+    moved : times, positions (n, 3) m and velocities (n, 3) m/s, both north, east, down of the anchor; turned_q : times
+    and attitudes (n, 4), forward, left, up in east, north, up; anchor : None where it is not known
+    """
+    t_ns, pos, vel = moved
+    pos, vel = pos[:, [1, 0, 2]] * (1.0, 1.0, -1.0), vel[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
+    parts: dict[str, tuple[Times, Array]] = {f"pos_{axis}": (t_ns, pos[:, n]) for n, axis in enumerate("enu")}
+    parts |= {f"vel_{axis}": (t_ns, vel[:, n]) for n, axis in enumerate("enu")}
+    facts: dict[str, Any] = {}
+    if anchor is not None:
+        place = enu_to_geodetic(pos, anchor)
+        parts |= {name: (t_ns, values) for name, values in zip(("lat", "lon", "height"), place, strict=True)}
+        facts = {"anchor": asdict(anchor), "earth": "wgs84", "height_datum": "mean_sea_level"}
+    if turned_q is not None:
+        t_ns, q = turned_q
+        parts |= {name: (t_ns, values) for name, values in zip(("qw", "qx", "qy", "qz"), q.T, strict=True)}
+    parts = {name: _once(t_ns, values) for name, (t_ns, values) in parts.items()}
+    return *interleave(parts), facts
+
+
+def _once(t_ns: Times, values: Array) -> tuple[Times, Array]:
+    """In the order of time, each time once."""
+    times, rows = np.unique(t_ns, return_index=True)
+    return times, values[rows]

@@ -1,0 +1,210 @@
+"""Messages of MAVLink, versions 1 and 2, in logs of ground stations (.tlog), as columns.
+
+    record     time of reception, 8 bytes, us since 1970, highest byte first; then a frame
+    frame v1   0xFE, length, sequence, system, component, number (1 byte), payload, checksum
+    frame v2   0xFD, length, two flags, sequence, system, component, number (3 bytes), payload, checksum, signature
+
+Zeros at the end of a v2 payload are left away. A frame counts if its checksum is right; behind damaged bytes the next
+frame is searched.
+
+Reference: mavlink.io/en/guide/serialization.html; message definitions common.xml.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.tables import Array
+
+V1, V2 = 0xFE, 0xFD
+_WINDOW: Final = 2**24
+_LONGEST: Final = 8 + 10 + 255 + 2 + 13
+EARLIEST_US, LATEST_US = 946_684_800 * 10**6, 4_102_444_800 * 10**6
+"""2000 to 2100."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message of the definitions: number, seed of its checksum, fields in the order in which they are sent."""
+
+    name: str
+    number: int
+    seed: int
+    fields: np.dtype[np.void]
+
+
+def _message(name: str, number: int, seed: int, fields: str) -> Message:
+    """fields : "u8 time_usec, i2 xacc yacc zacc, ..." """
+    parts = [part.split() for part in fields.split(",")]
+    return Message(name, number, seed, np.dtype([(one, f"<{kind}") for kind, *names in parts for one in names]))
+
+
+_SCALED: Final = "u4 time_boot_ms, i2 xacc yacc zacc xgyro ygyro zgyro xmag ymag zmag temperature"
+_PRESSURE: Final = "u4 time_boot_ms, f4 press_abs press_diff, i2 temperature temperature_press_diff"
+MESSAGES: Final = (
+    _message("HEARTBEAT", 0, 50, "u4 custom_mode, u1 type autopilot base_mode system_status mavlink_version"),
+    _message("SYSTEM_TIME", 2, 137, "u8 time_unix_usec, u4 time_boot_ms"),
+    _message(
+        "GPS_RAW_INT",
+        24,
+        24,
+        "u8 time_usec, i4 lat lon alt, u2 eph epv vel cog, u1 fix_type satellites_visible, i4 alt_ellipsoid, "
+        "u4 h_acc v_acc vel_acc hdg_acc, u2 yaw",
+    ),
+    _message("SCALED_IMU", 26, 170, _SCALED),
+    _message(
+        "RAW_IMU",
+        27,
+        144,
+        "u8 time_usec, i2 xacc yacc zacc xgyro ygyro zgyro xmag ymag zmag, u1 id, i2 temperature",
+    ),
+    _message("SCALED_PRESSURE", 29, 115, _PRESSURE),
+    _message("ATTITUDE", 30, 39, "u4 time_boot_ms, f4 roll pitch yaw rollspeed pitchspeed yawspeed"),
+    _message("GLOBAL_POSITION_INT", 33, 104, "u4 time_boot_ms, i4 lat lon alt relative_alt, i2 vx vy vz, u2 hdg"),
+    _message(
+        "HIGHRES_IMU",
+        105,
+        93,
+        "u8 time_usec, f4 xacc yacc zacc xgyro ygyro zgyro xmag ymag zmag abs_pressure diff_pressure pressure_alt "
+        "temperature, u2 fields_updated, u1 id",
+    ),
+    _message("SCALED_IMU2", 116, 76, _SCALED),
+    _message("SCALED_IMU3", 129, 46, _SCALED),
+)
+
+
+@dataclass
+class Table:
+    """The messages of one name and system: (n,) ns of reception since 1970, (n,) rows of fields."""
+
+    received_ns: NDArray[np.int64]
+    rows: NDArray[np.void]
+
+    def numbers(self, name: str) -> Array:
+        """A field as (n,) float64."""
+        return np.asarray(self.rows[name].astype(np.float64))
+
+    def integers(self, name: str) -> NDArray[np.int64]:
+        """A field of whole numbers as (n,) int64."""
+        return np.asarray(self.rows[name].astype(np.int64))
+
+
+@dataclass
+class Walk:
+    """What was found: messages by name and system, frames, those of a wrong checksum, places that were no frame."""
+
+    wanted: Mapping[int, Message]
+    parts: dict[tuple[str, int], list[Table]] = field(default_factory=dict)
+    frames: int = 0
+    wrong: int = 0
+    damaged: int = 0
+
+    def tables(self) -> dict[str, Table]:
+        """The messages by name, those of the system that sent most."""
+        counts: dict[int, int] = {}
+        for (_, system), parts in self.parts.items():
+            counts[system] = counts.get(system, 0) + sum(len(part.rows) for part in parts)
+        if not counts:
+            return {}
+        chosen = max(counts, key=lambda system: counts[system])
+        return {
+            name: Table(np.concatenate([p.received_ns for p in parts]), np.concatenate([p.rows for p in parts]))
+            for (name, system), parts in self.parts.items()
+            if system == chosen
+        }
+
+
+def walk(path: Path, names: frozenset[str]) -> Walk:
+    """All whole messages of these names."""
+    found = Walk({one.number: one for one in MESSAGES if one.name in names})
+    with path.open("rb") as file:
+        left = b""
+        while data := file.read(_WINDOW):
+            window = left + data
+            left = window[_take(window, found, last=len(data) < _WINDOW) :]
+    return found
+
+
+def frame_at(window: bytes, at: int) -> tuple[int, int, int, int] | None:
+    """(number, system, start of the payload, its length) of the record at `at`; None where there is none."""
+    if at + 18 > len(window):
+        return None
+    received_us = int.from_bytes(window[at : at + 8], "big")
+    if not EARLIEST_US < received_us < LATEST_US:
+        return None
+    length = window[at + 9]
+    if window[at + 8] == V1:
+        number, system, start = window[at + 13], window[at + 11], at + 14
+    elif window[at + 8] == V2:
+        number, system, start = int.from_bytes(window[at + 15 : at + 18], "little"), window[at + 13], at + 18
+    else:
+        return None
+    return (number, system, start, length) if end_of(window, at, start, length) <= len(window) else None
+
+
+def end_of(window: bytes, at: int, start: int, length: int) -> int:
+    """Where the record ends."""
+    signed = window[at + 8] == V2 and window[at + 10] & 1
+    return start + length + 2 + (13 if signed else 0)
+
+
+def _take(window: bytes, found: Walk, *, last: bool) -> int:
+    at, end = 0, len(window) if last else len(window) - _LONGEST
+    places: dict[tuple[int, int, int, int], array[int]] = {}  # by number, system, version, length
+    while at < end:
+        frame = frame_at(window, at)
+        if frame is None:
+            found.damaged += 1
+            at = _next(window, at + 1)
+            continue
+        number, system, start, length = frame
+        found.frames += 1
+        if number in found.wanted:
+            places.setdefault((number, system, window[at + 8], length), array("q")).append(at)
+        at = end_of(window, at, start, length)
+    for (number, system, version, length), offsets in places.items():
+        _gather(window, np.frombuffer(offsets, dtype=np.int64), found, number, system, version, length)
+    return at
+
+
+def _next(window: bytes, at: int) -> int:
+    """Where the next record may begin."""
+    ways = [place for place in (window.find(bytes([mark]), at + 8) for mark in (V1, V2)) if place >= 0]
+    return min(ways) - 8 if ways else max(len(window) - 8, at)
+
+
+def _gather(
+    window: bytes, at: NDArray[np.int64], found: Walk, number: int, system: int, version: int, length: int
+) -> None:
+    message = found.wanted[number]
+    head = 6 if version == V1 else 10
+    data = np.frombuffer(window, dtype=np.uint8)
+    frames = data[at[:, None] + 8 + np.arange(head + length + 2)]
+    told = frames[:, -2] + 256 * frames[:, -1].astype(np.uint16)
+    right = checksum(frames[:, 1 : head + length], message.seed) == told
+    found.wrong += int((~right).sum())
+    size = message.fields.itemsize
+    padded = np.zeros((int(right.sum()), size), dtype=np.uint8)
+    taken = min(size, length)
+    padded[:, :taken] = frames[right, head : head + taken]
+    received = np.ascontiguousarray(data[at[right][:, None] + np.arange(8)]).view(">u8")[:, 0]
+    table = Table(received.astype(np.int64) * 1000, padded.view(message.fields)[:, 0])
+    found.parts.setdefault((message.name, system), []).append(table)
+
+
+def checksum(data: NDArray[np.uint8], seed: int) -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX of each row and the seed: (n,). data : (n, k)"""
+    crc = np.full(len(data), 0xFFFF, dtype=np.uint16)
+    for column in [*data.T, np.full(len(data), seed, dtype=np.uint8)]:
+        low = column ^ (crc & 0xFF).astype(np.uint8)
+        low = low ^ (low << 4)
+        wide = low.astype(np.uint16)
+        crc = (crc >> 8) ^ (wide << 8) ^ (wide << 3) ^ (wide >> 4)
+    return crc
