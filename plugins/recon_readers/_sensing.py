@@ -57,6 +57,8 @@ def rising(t_ns: Times, name: str) -> tuple[NDArray[np.intp] | slice, list[Metri
 
 def described(stream: str, t_ns: Times, columns: Mapping[str, Array]) -> pa.Table:
     """A stream of single columns, numbers of any type of the schema. t_ns : (n,) ns that rises; NaN where unknown."""
+    if "course" in columns:
+        columns = {**columns, "course": np.mod(columns["course"], 2.0 * np.pi)}
     schema = Schema(tuple(column for column in STREAMS[stream].columns if column.name in ("time", *columns)))
     typed: dict[str, Any] = {
         name: values

@@ -34,6 +34,7 @@ from recon.yaml_nodes import load_file
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import autopilot_logs
+import measurement_logs
 import ros_logs
 
 Sample: TypeAlias = Mapping[str, bytes]
@@ -310,6 +311,11 @@ def ardupilot_samples() -> list[Sample]:
     ]
 
 
+def mf4_samples() -> list[Sample]:
+    with tempfile.TemporaryDirectory() as scratch:
+        return [{"drive.mf4": measurement_logs.mf4(Path(scratch, "drive.mf4"), 0.4).read_bytes()}]
+
+
 def foreign_mcap_samples() -> list[Sample]:
     """Logs of ROS 2, whole and without checksums, and of Foxglove's messages."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -378,6 +384,7 @@ def logger_target(name: str) -> Target:
 LOGGERS: Final = ("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti")
 
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
+_CHANNELS: Final = Override.from_data("reader.mf4.channels", measurement_logs.CHANNELS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
 
 TARGETS: Final[dict[str, Target]] = {
@@ -389,6 +396,7 @@ TARGETS: Final[dict[str, Target]] = {
     **{name: logger_target(name) for name in LOGGERS},
     "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
     "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
+    "mf4": Target(mf4_samples, read_by("reader.mf4", _CHANNELS)),
     "ulog": Target(ulog_samples, read_by("reader.ulog")),
     "ardupilot": Target(ardupilot_samples, read_by("reader.ardupilot")),
 }

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import autopilot_logs
+import measurement_logs
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -30,6 +31,7 @@ from recon.testing.samples import samples
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
 from recon_readers.csv import CsvParams
+from recon_readers.mf4 import Mf4Params
 from recon_readers.ubx import UbxParams
 from recon_readers.vbox import VboxParams
 
@@ -40,6 +42,7 @@ INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parq
 BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for form in ("bag", "sqlite3", "mcap")}
 IMAGES = FOLDER / "images"
 FLIGHTS = {name: FOLDER / f"flight.{name}" for name in ("ulg", "bin", "tlog")}
+MEASURED = FOLDER / "drive.mf4"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "drive.pos", "sbet.out"))
@@ -78,6 +81,7 @@ def files() -> Iterator[None]:
     makers = (autopilot_logs.ulog, autopilot_logs.dataflash, autopilot_logs.tlog)
     for path, make in zip(FLIGHTS.values(), makers, strict=True):
         path.write_bytes(make())
+    measurement_logs.mf4(MEASURED)
     for form, path in BAGS.items():
         ros_logs.write(path, form)
     for name, fields in {"gnss": navego_gnss(), "imu": navego_imu(), "ref": navego_ref()}.items():
@@ -195,6 +199,11 @@ def test_reader_parquet(law: BoundLaw) -> None:
     ],
 )
 def test_reader_mcap(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.mf4", cases=[Case("mapped", Mf4Params(channels=measurement_logs.CHANNELS), path=MEASURED)])
+def test_reader_mf4(law: BoundLaw) -> None:
     law()
 
 

@@ -1,0 +1,62 @@
+"""The mapping of `reader.mf4`: which channel is what, in which unit, along which axes. Times are the raster's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, TypeAlias
+
+from pydantic import model_validator
+
+from recon.parameters import setting
+from recon_readers import _csv_mapping as columns
+from recon_readers._csv_mapping import Part, Time
+
+Stream: TypeAlias = columns.Stream
+
+
+class Imu(columns.Imu):
+    """Accelerometer and gyroscope."""
+
+    time: Time | None = setting(None, doc="Not given: channels have times of their own.")  # type: ignore[assignment]
+
+
+class Gnss(columns.Gnss):
+    """A GNSS receiver."""
+
+    time: Time | None = setting(None, doc="Not given: channels have times of their own.")  # type: ignore[assignment]
+
+
+class Wheel(columns.Wheel):
+    """Wheel speeds."""
+
+    time: Time | None = setting(None, doc="Not given: channels have times of their own.")  # type: ignore[assignment]
+
+
+class Baro(columns.Baro):
+    """A barometer."""
+
+    time: Time | None = setting(None, doc="Not given: channels have times of their own.")  # type: ignore[assignment]
+
+
+class Channels(Part):
+    """The streams that the file holds."""
+
+    kinds: ClassVar[tuple[str, ...]] = ("imu", "gnss", "wheel", "baro")
+
+    imu: Imu | None = setting(None, doc="Accelerometer and gyroscope.")
+    gnss: Gnss | None = setting(None, doc="GNSS receiver.")
+    wheel: Wheel | None = setting(None, doc="Wheel speeds.")
+    baro: Baro | None = setting(None, doc="Barometer.")
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Channels:
+        if not any(True for _ in self.streams()):
+            raise ValueError(f"no stream is named; there are {', '.join(self.kinds)}")
+        return self
+
+    def streams(self) -> Iterator[Stream]:
+        """The mapping of each stream that has one."""
+        for name in self.kinds:
+            found = getattr(self, name)
+            if found is not None:
+                yield found

@@ -1,0 +1,114 @@
+"""reader.mf4: channels become streams by a mapping, each at the times of its group."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import measurement_logs as made
+import numpy as np
+import pytest
+
+import recon
+import recon_readers.mf4
+from recon import Streams
+from recon.errors import NothingUsable, ReadFailed
+from recon.rows import warnings_of
+from recon.stages import EVERYTHING, Wanted
+from recon.tables import matrix, meta, time_ns, vector
+from recon_readers.mf4 import Mf4Params
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made.mf4(tmp_path_factory.mktemp("mf4") / "drive.mf4")
+
+
+def read(path: Path, channels: dict[str, Any], wanted: Wanted = EVERYTHING, **params: object) -> Streams:
+    return recon_readers.mf4.read(path, Mf4Params(channels=channels, **params), wanted)
+
+
+def test_each_group_keeps_its_own_raster(drive: Path) -> None:
+    streams = read(drive, made.CHANNELS)
+    assert {name: table.num_rows for name, table in streams.items() if name != "metrics"} == {
+        "imu": 100,
+        "wheel": 50,
+        "gnss": 5,
+    }
+    np.testing.assert_array_equal(time_ns(streams["imu"]), made.START_NS + np.arange(100) * 10_000_000)
+    assert (meta(streams["imu"])["time_scale"], meta(streams["imu"])["clock"]) == ("UTC", "absolute")
+
+
+def test_values_come_in_the_units_of_the_streams(drive: Path) -> None:
+    streams = read(drive, made.CHANNELS)
+    np.testing.assert_allclose(matrix(streams["imu"], "accel")[0], np.multiply(made.ACCEL_G, 9.80665), rtol=1e-12)
+    np.testing.assert_allclose(matrix(streams["imu"], "gyro")[0], np.radians(made.GYRO_DEG), rtol=1e-12)
+    assert vector(streams["wheel"], "speed")[0] == pytest.approx(10.0)
+    fix = streams["gnss"].to_pylist()[0]
+    assert (fix["lat"], fix["lon"], fix["height"], fix["speed"]) == (44.5, 11.25, 54.5, pytest.approx(10.0))
+    assert meta(streams["gnss"])["height_datum"] == "ellipsoid"
+
+
+def test_axes_and_what_is_shown_at_rest_are_told(drive: Path) -> None:
+    accel = {**made.CHANNELS["imu"]["accel"], "at_rest": "down"}
+    x, y, z = np.multiply(made.ACCEL_G, 9.80665)
+    turned = read(drive, {"imu": {**made.CHANNELS["imu"], "axes": "FRD", "accel": accel}})["imu"]
+    np.testing.assert_allclose(matrix(turned, "accel")[0], [-x, y, z], rtol=1e-12)
+    assert meta(turned)["axes"] == "FRD"
+
+
+def test_channels_of_two_groups_in_one_stream_leave_gaps(drive: Path) -> None:
+    wheel = {"speed": {"column": "Speed@1", "unit": "km/h"}, "speed_rear_left": {"column": "Speed@2", "unit": "km/h"}}
+    table = read(drive, {"wheel": wheel})["wheel"]
+    assert (table.num_rows, table["speed"].null_count, table["speed_rear_left"].null_count) == (50, 0, 45)
+
+
+def test_only_channels_that_are_wanted_are_read(drive: Path) -> None:
+    some = read(drive, made.CHANNELS, Wanted({"gnss": frozenset({"lat", "lon"})}))
+    assert set(some) == {"gnss", "metrics"}
+    assert some["gnss"].column_names == ["time", "lat", "lon"]
+
+
+def test_without_a_mapping_the_channels_are_listed(drive: Path) -> None:
+    with pytest.raises(NothingUsable, match="what its channels mean only a mapping tells") as caught:
+        recon.read(drive)
+    assert "group 1, 50 rows: time [s], Speed [km/h]" in caught.value.hint
+
+
+def test_a_channel_that_is_not_there_or_not_alone_is_refused(drive: Path) -> None:
+    with pytest.raises(ReadFailed, match="it has no channel 'Sped'") as caught:
+        read(drive, {"wheel": {"speed": {"column": "Sped", "unit": "km/h"}}})
+    assert caught.value.hint == "did you mean 'Speed'?"
+    with pytest.raises(ReadFailed, match="several groups have a channel 'Speed'") as caught:
+        read(drive, {"wheel": {"speed": {"column": "Speed", "unit": "km/h"}}})
+    assert caught.value.hint == "write one of 'Speed@1', 'Speed@2'"
+
+
+def test_a_damaged_file_is_refused_in_one_sentence(drive: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cut.mf4"
+    path.write_bytes(drive.read_bytes()[:300])
+    with pytest.raises(ReadFailed, match="asammdf cannot read it"):
+        read(path, made.CHANNELS)
+
+
+# --- real files -----------------------------------------------------------------------------------------------------
+
+
+def test_a_measurement_of_a_control_unit(logs: Path) -> None:
+    path = logs / "formats/mf4/ASAP2_Demo_V171.mf4"
+    wheel = {"speed": {"column": "ASAM.M.SCALAR.UBYTE.IDENTICAL", "unit": "km/h"}}
+    table = read(path, {"wheel": wheel})["wheel"]
+    assert table.num_rows == 12_402  # a raster of 1 ms
+    # 2018-11-22 15:26:35.4397 at UTC+1
+    assert time_ns(table)[0] // 10**9 == 1_542_896_795
+
+
+def test_local_time_without_a_zone_is_said_to_be_that(logs: Path) -> None:
+    path = logs / "formats/mf4/test_metadata.mf4"
+    wheel = {"wheel": {"speed": {"column": "ASAM.M.SCALAR.SBYTE.IDENTICAL.DISCRETE", "unit": "km/h"}}}
+    streams = read(path, wheel)
+    assert meta(streams["wheel"])["time_scale"] == "local"
+    assert any("--set reader.mf4.zone=+01:00" in text for text in warnings_of(streams["metrics"]))
+    told = read(path, wheel, zone="+01:00")["wheel"]
+    assert meta(told)["time_scale"] == "UTC"
+    np.testing.assert_array_equal(time_ns(told), time_ns(streams["wheel"]) - 3_600 * 10**9)
