@@ -230,8 +230,12 @@ def handedness(axes: Axes | None, claims: Claims) -> Finding:
 
 
 def _lies(upright: str) -> str:
-    how = "lies on its head" if upright == "-z" else "stands on its side"
-    return f" The box {how}, or its axes are others than x forward, y left, z up."
+    if upright == "-z":
+        return (
+            " The box lies on its head, its axes are forward, right, down as aviation counts them, or the file counts "
+            "gravity the other way round (see gravity_sign)."
+        )
+    return " The box stands on its side, or its axes are others than x forward, y left, z up."
 
 
 def inverted_axis(axes: Axes | None) -> Finding:

@@ -302,7 +302,7 @@ def drift(clocks: Clocks, gnss: Gnss) -> Finding:
     at, step, left_step = _jump(t_s, lag_s, sigma_s)
     rate, sigma, left_line = _line(t_s, lag_s, sigma_s)
     numbers = {"drift_ppm": 1e6 * rate, "sigma_ppm": 1e6 * sigma, "jump_s": step, "jump_at_s": at}
-    if abs(step) > 0.4 and left_step < 0.25 * left_line:
+    if abs(step) > 0.4 and left_step < 0.6 * left_line:
         text = (
             f"One of the clocks jumps by {abs(step):.2f} s near {at:.0f} s: GNSS and IMU belong together before or "
             "after, "

@@ -33,25 +33,26 @@ def channels(imu: Imu) -> dict[str, Floats]:
 
 def gaps(imu: Imu) -> Finding:
     """Is the record of the IMU without holes?"""
-    code, step = "gaps", np.diff(imu.t_s)
+    t_s = _times(imu)
+    code, step = "gaps", np.diff(t_s)
     if len(step) < 2:
         return unknown(code, "The log holds hardly a row.")
     usual = float(np.median(step))
     holes = np.flatnonzero(step > max(_GAP_STEPS * usual, _GAP_S))
     numbers = {"count": float(len(holes)), "longest_s": float(step.max()), "usual_s": usual}
     if not len(holes):
-        return confirmed(code, 0.0, f"No hole in {imu.t_s[-1] - imu.t_s[0]:.0f} s of the IMU.", **numbers)
+        return confirmed(code, 0.0, f"No hole in {t_s[-1] - t_s[0]:.0f} s of the IMU.", **numbers)
     worst = int(step.argmax())
     text = (
         f"The IMU is silent {len(holes)} times, for {step[holes].sum():.3g} s in all; the longest hole is "
-        f"{step[worst]:.3g} s, at {imu.t_s[worst]:.1f} s. What the vehicle did there was not measured."
+        f"{step[worst]:.3g} s, at {t_s[worst]:.1f} s. What the vehicle did there was not measured."
     )
     return contradicted(code, float(step.max()), text, **numbers)
 
 
 def jitter(imu: Imu) -> Finding:
     """Do the times of the IMU come as evenly as those of its clock?"""
-    code, step = "jitter", np.diff(imu.t_s)
+    code, step = "jitter", np.diff(_times(imu))
     if len(step) < 20:
         return unknown(code, "The log holds too few rows.")
     usual = float(np.median(step))
@@ -77,10 +78,7 @@ def duplicates(imu: Imu | None, gnss: Gnss | None, claims: Claims) -> Finding:
     found: dict[str, float] = {}
     texts = []
     if imu is not None and len(imu.t_s) > 20:
-        values = np.column_stack([imu.accel, imu.gyro])
-        same = (np.nan_to_num(np.diff(values, axis=0)) == 0.0).all(axis=1)
-        alive = bool((np.nan_to_num(np.diff(values, axis=0)) != 0.0).any())
-        found["imu_share"] = float(same.mean()) if alive else 0.0
+        found["imu_share"] = _repeated(imu)
         if found["imu_share"] > _REPEATED:
             rate = (1.0 - found["imu_share"]) / float(np.median(np.diff(imu.t_s)))
             texts.append(
@@ -108,6 +106,25 @@ def duplicates(imu: Imu | None, gnss: Gnss | None, claims: Claims) -> Finding:
         return confirmed(code, value, "Rows do not repeat one another.", **found)
     text = "; ".join(texts) + ". Repeated rows are no measurements, and whoever counts them trusts the sensor too much."
     return contradicted(code, round(value, 3) if value > _REPEATED else times, text, **found)
+
+
+def _repeated(imu: Imu) -> float:
+    """Share of the rows of a sensor that repeat the one before; of the sensor that repeats least."""
+    shares = []
+    for values in (imu.accel, imu.gyro):
+        own = values[np.isfinite(values).all(axis=1)]
+        if len(own) > 20 and np.ptp(own, axis=0).any():
+            shares.append(float((np.diff(own, axis=0) == 0.0).all(axis=1).mean()))
+    return min(shares, default=0.0)
+
+
+def _times(imu: Imu) -> Floats:
+    """When the accelerometer reported, else the gyroscope: (k,) s. Loggers may give each of them rows of its own."""
+    for values in (imu.accel, imu.gyro):
+        own = np.isfinite(values).all(axis=1)
+        if own.sum() > 2:
+            return imu.t_s[own]
+    return imu.t_s
 
 
 def reversals(claims: Claims) -> Finding:

@@ -89,8 +89,9 @@ def gyro_unit(imu: Imu, motion: Motion | None, claims: Claims) -> Finding:
         text = f"The gyroscope turns {ratio:.3g} times as fast as {how}: its unit {claims.gyro_unit} is right."
         return confirmed(code, claims.gyro_unit, text, **numbers)
     value = _unit(RATES, claims.gyro_unit, ratio)
-    if how != _COURSE and value.startswith("times"):
-        return unknown(code, "Too few turns at speed to tell the unit of the gyroscope.", **numbers)
+    if value.startswith("times"):
+        text = f"The gyroscope turns {ratio:.3g} times as fast as {how}, which no unit explains: too few turns to tell."
+        return unknown(code, text, **numbers)
     text = f"The gyroscope turns {ratio:.3g} times as fast as {how}, so it is not in {claims.gyro_unit}."
     return contradicted(code, value, f"{text} {_guess(value, ratio)}", confidence_of(ratio / sigma), **numbers)
 
@@ -128,10 +129,10 @@ def speed_unit(gnss: Gnss, motion: Motion | None, claims: Claims) -> Finding:
         return unknown(code, "Neither positions nor changes of speed tell how large the speeds must be.")
     ratio, sigma, limit, how = found
     numbers = {"ratio": ratio, "sigma": sigma}
-    if 1.0 / limit < ratio < limit:
-        text = f"The speeds are {ratio:.3g} times what {how}: the unit {claims.speed_unit} is right."
-        return confirmed(code, claims.speed_unit, text, confidence_of(np.log(limit) * ratio / sigma), **numbers)
     value = _unit(SPEEDS, claims.speed_unit, ratio)
+    if 1.0 / limit < ratio < limit or value == claims.speed_unit:
+        text = f"The speeds are {ratio:.3g} times what {how}: the unit {claims.speed_unit} is right."
+        return confirmed(code, claims.speed_unit, text, confidence_of(np.log(_ROUGH) * ratio / sigma), **numbers)
     text = f"The speeds are {ratio:.3g} times what {how}: they are not in {claims.speed_unit}. {_guess(value, ratio)}"
     return contradicted(code, value, text, confidence_of((ratio - 1.0) / sigma), **numbers)
 
