@@ -11,6 +11,7 @@ from typer.main import get_command
 
 from recon import __version__
 from recon.cli import _console as console
+from recon.cli.allan import allan
 from recon.cli.batch import batch
 from recon.cli.blender_extension import blender_extension
 from recon.cli.compare import compare
@@ -24,6 +25,7 @@ from recon.cli.fleet import fleet
 from recon.cli.inspect import inspect
 from recon.cli.measure import measure
 from recon.cli.new_plugin import new_plugin
+from recon.cli.outages import outages
 from recon.cli.plugins import plugins
 from recon.cli.run import run
 from recon.cli.schema import schema
@@ -37,7 +39,7 @@ UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
 _VERBS: Final = (
-    *(run, batch, fleet, validate, inspect, doctor, evaluate, compare, measure),
+    *(run, batch, fleet, validate, inspect, doctor, evaluate, compare, measure, outages, allan),
     *(explain, seal, verify),
     *(plugins, export, view, convert, demo, schema, new_plugin, blender_extension),
 )

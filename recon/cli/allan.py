@@ -1,0 +1,147 @@
+"""`recon allan`: the noise of an IMU from a record of it standing still."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, overrides_of, registry_of
+
+if TYPE_CHECKING:
+    from recon.allan import Allan
+
+_TERMS: Final = {
+    "gyro": (
+        ("white noise", "white", "rad/s/sqrt(Hz)", "deg/s/sqrt(Hz)"),
+        ("angle random walk", "white", "rad/s/sqrt(Hz)", "deg/sqrt(h)"),
+        ("bias instability", "instability", "rad/s", "deg/h"),
+        ("rate random walk", "walk", "rad/s/sqrt(s)", "deg/s/sqrt(s)"),
+        ("quantisation", "quantisation", "rad", "deg"),
+    ),
+    "accel": (
+        ("white noise", "white", "m/s^2/sqrt(Hz)", "ug/sqrt(Hz)"),
+        ("velocity random walk", "white", "m/s^2/sqrt(Hz)", "m/s/sqrt(h)"),
+        ("bias instability", "instability", "m/s^2", "ug"),
+        ("acceleration random walk", "walk", "m/s^2/sqrt(s)", "ug/sqrt(s)"),
+        ("quantisation", "quantisation", "m/s", "m/s"),
+    ),
+}
+"""As data sheets name them: name, field, unit inside, unit shown."""
+
+
+def allan(
+    paths: Annotated[list[Path], typer.Argument(metavar="LOG", help="A log of an IMU at rest, half a minute or more.")],
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the deviations: a .png or .svg.")] = None,
+    settings: Settings = None,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
+    as_json: AsJson = False,
+) -> None:
+    """Tell the noise of an IMU from its Allan deviations, in the units of data sheets, and as fuser.map reads it.
+
+    Example: recon allan overnight.csv --plot allan.png
+    """
+    from recon import api
+    from recon.allan import analyse
+    from recon.errors import NotEnoughData
+    from recon.pipeline import Pipeline
+
+    reading = Pipeline.of("allan", "reader.auto")
+    registry = registry_of(blocked, first_party_only)
+    log = api.execute(reading, paths, None, overrides_of(settings), registry=registry).recording
+    if "imu" not in log:
+        raise NotEnoughData("rows in imu", needed="1", found="0")
+    found = analyse(log["imu"], log.get("gnss"))
+    if plot is not None:
+        _draw(plot, found)
+    data = _as_data(found)
+    if as_json:
+        console.write_json({"paths": [str(path) for path in paths], **data})
+    else:
+        console.write(_as_text(", ".join(map(str, paths)), data))
+        if plot is not None:
+            console.write(f"plot: {plot}")
+
+
+def _as_data(found: Allan) -> dict[str, Any]:
+    """Every number, in the units of data sheets; null where a term does not show in a record of this length."""
+    from recon.allan import fuser_params
+    from recon.units import convert
+
+    terms = []
+    for axis in found.axes:
+        told = {}
+        for name, term, si, unit in _TERMS[axis.sensor]:
+            value = getattr(axis.noise, term)
+            told[name] = {"value": convert(value, si, unit) if value else None, "unit": unit}
+        terms.append({"axis": f"{axis.sensor}_{axis.name}", **told})
+    curves = {f"{axis.sensor}_{axis.name}": axis.deviation.tolist() for axis in found.axes}
+    return {
+        "from_s": found.start_s,
+        "to_s": found.stop_s,
+        "rate_hz": found.rate_hz,
+        "terms": terms,
+        "fuser.map": fuser_params(found),
+        "tau_s": found.tau_s.tolist(),
+        "deviation_si": curves,
+    }
+
+
+def _as_text(name: str, data: dict[str, Any]) -> str:
+    span = data["to_s"] - data["from_s"]
+    lines = [
+        f"{name}: at rest from {data['from_s']:.1f} to {data['to_s']:.1f} s ({span:.0f} s, {data['rate_hz']:.4g} Hz)"
+    ]
+    for sensor, title in (("gyro", "gyroscope"), ("accel", "accelerometer")):
+        some = [one for one in data["terms"] if one["axis"].startswith(sensor)]
+        if not some:
+            continue
+        head = (title, "x", "y", "z", "")
+        rows = [(term, *(_shown(one[term]["value"]) for one in some), unit) for term, _, _, unit in _TERMS[sensor]]
+        lines += ["", console.table([head, *rows])]
+    lines += ["", "- does not show in a record of this length: a minute tells white noise, hours tell walks"]
+    steps = "".join(f"      {key}: {value}\n" for key, value in data["fuser.map"].items())
+    lines += ["", "for a pipeline (the moving car shakes more: fuser.map starts from these and estimates it):"]
+    return "\n".join([*lines, f"  - use: fuser.map\n    params:\n{steps}".rstrip()])
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _draw(path: Path, found: Allan) -> None:
+    """Deviations with what was fitted. Raises PluginError where Matplotlib is not installed."""
+    import numpy as np
+
+    from recon.errors import PluginError, StorageError
+    from recon.units import convert
+
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise PluginError("the plot needs matplotlib", "pip install recon-dynamics[figures]") from error
+    figure = Figure(figsize=(6.7, 3.4), layout="constrained")
+    shown = {"gyro": ("rad/s", "deg/s", "Gyroscope"), "accel": ("m/s^2", "ug", "Accelerometer")}
+    axes = figure.subplots(1, 2)
+    for plot, (sensor, (si, unit, title)) in zip(axes, shown.items(), strict=True):
+        size = convert(1.0, si, unit)
+        for color, axis in zip(("#0072B2", "#D55E00", "#009E73"), found.of(sensor), strict=False):
+            deviation = size * axis.deviation
+            low, high = deviation * (1.0 - found.relative), deviation * (1.0 + found.relative)
+            plot.fill_between(found.tau_s, np.maximum(low, 1e-12), high, color=color, alpha=0.15, linewidth=0)
+            plot.loglog(found.tau_s, deviation, color=color, linewidth=1.3, label=axis.name)
+            plot.loglog(
+                found.tau_s, size * axis.noise.deviation(found.tau_s), color=color, linewidth=0.8, linestyle=":"
+            )
+        plot.set_title(title, fontsize=9)
+        plot.set_xlabel("averaged over [s]")
+        plot.set_ylabel(f"Allan deviation [{unit}]")
+        plot.grid(color="#e4e6e8", which="both")
+        plot.legend(frameon=False, title="dotted: fitted", title_fontsize=7)
+    try:
+        figure.savefig(path, dpi=160)
+    except (OSError, ValueError) as error:
+        raise StorageError(f"{path} could not be written: {error}") from error

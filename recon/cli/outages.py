@@ -1,0 +1,179 @@
+"""`recon outages`: what a result loses where GNSS is gone, on a log of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from recon.cli import _console as console
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from recon.outages import Outage
+    from recon.recording import Recording
+
+_HEAD: Final = (
+    *("outage", "number", "way", "horizontal", "largest", "of the way", "worst inside", "vertical"),
+    *("velocity", "heading", "told sigma", "within 2"),
+)
+_COLORS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+"""Of Okabe and Ito (2008), which every eye tells apart."""
+
+
+def outages(
+    paths: Annotated[list[Path], typer.Argument(metavar="LOG", help="A log, or several files of one drive.")],
+    lengths: Annotated[str, typer.Option(metavar="S,S,...", help="Lengths of outages in s.")] = "10,30,60",
+    pipeline: Annotated[
+        str, typer.Option(metavar="PIPELINE", help="Name of a shipped pipeline, or a YAML file.")
+    ] = "best_accuracy",
+    most: Annotated[int, typer.Option(min=1, help="Outages of each length, at most: as many as find room.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="Of where they begin.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Keep the table, every number, and a plot of how errors grow.")
+    ] = None,
+    settings: Settings = None,
+    overwrite: Overwrite = False,
+    blocked: Blocked = None,
+    first_party_only: FirstPartyOnly = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take GNSS away from a log for a while, here and there, and tell how far the result then is from what it was.
+
+    Example: recon outages drive.txt --lengths 10,30,60 --out tunnels
+    """
+    from recon import api
+    from recon.outages import simulate, statistics
+    from recon.pipeline import Pipeline
+    from recon.storage import refuse_existing, staged_folder
+
+    if out is not None:
+        refuse_existing(out, overwrite=overwrite)
+    wanted = _lengths(lengths)
+    overrides = overrides_of(settings)
+    registry = registry_of(blocked, first_party_only)
+    found = Pipeline.from_file(pipeline)
+    reading = Pipeline("outages", found.steps[:1])
+    of_reader = [one for one in overrides if one.step.startswith("reader.")]
+    log = api.execute(reading, paths, None, of_reader, registry=registry).recording
+    others = [one for one in overrides if one not in of_reader]
+
+    def solve(recording: Recording) -> pa.Table:
+        return api.execute(found, recording, None, others, registry=registry).trajectory.table
+
+    measured, against = simulate(log, solve, wanted, most, seed)
+    data: dict[str, Any] = {
+        "paths": [str(path) for path in paths],
+        "pipeline": found.name,
+        "seed": seed,
+        "against": against,
+        "lengths": [{"length_s": length, **statistics(some, against)} for length, some in measured.items()],
+        "outages": [_plain(one) for some in measured.values() for one in some],
+    }
+    rows = _rows(data["lengths"])
+    if out is not None:
+        with staged_folder(out, overwrite=overwrite) as folder:
+            _keep(folder, data, rows, measured)
+    if as_json:
+        console.write_json(data)
+        return
+    title = f"{', '.join(map(str, paths))}: outages of GNSS, pipeline {found.name}, against {_against(against)}"
+    console.write("\n".join([title, console.table([_HEAD, *rows])]))
+    if out is not None:
+        console.write(f"kept in {out}: outages.md, outages.json, outages.png")
+
+
+def _against(what: str) -> str:
+    return "the log's own reference" if what == "reference" else "the result with all fixes (whose errors both share)"
+
+
+def _lengths(text: str) -> list[float]:
+    """Raises ConfigError."""
+    from recon.errors import ConfigError
+    from recon.problems import Problem
+
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or min(found) <= 0.0:
+        raise ConfigError([Problem(None, "bad-option", f"--lengths '{text}' are no seconds", "write 10,30,60")])
+    return list(dict.fromkeys(found))
+
+
+def _plain(one: Outage) -> dict[str, Any]:
+    import numpy as np
+
+    from recon.outages import FIGURES
+
+    numbers = {name: getattr(one, name) for name in (*FIGURES, "sigma", "way")}
+    known = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+    return {"start": f"{np.datetime64(one.start_ns, 'ns')}Z", "length_s": one.length_s, **known}
+
+
+def _rows(lengths: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Cells of the table; errors at the end of the outage, medians unless the head says otherwise."""
+    return [
+        (
+            f"{one['length_s']:g} s",
+            str(one["count"]),
+            _shown(one["way_m"], "m", 0),
+            _shown(one["horizontal"]["median"], "m", 2),
+            _shown(one["horizontal"]["max"], "m", 2),
+            _shown(one["drift_percent"], "%", 2),
+            _shown(one["worst"]["median"], "m", 2),
+            _shown(one["vertical"]["median"], "m", 2),
+            _shown(one["velocity"]["median"], "m/s", 3),
+            _shown(one["heading"]["median"], "deg", 2),
+            _shown(one["sigma"], "m", 2),
+            _shown(None if one["within_2_sigma"] is None else 100.0 * one["within_2_sigma"], "%", 0),
+        )
+        for one in lengths
+    ]
+
+
+def _shown(value: float | None, unit: str, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _keep(
+    folder: Path, data: Mapping[str, Any], rows: Sequence[Sequence[str]], found: Mapping[float, list[Outage]]
+) -> None:
+    """Write the table, the numbers and the plot."""
+    from recon.storage.json_text import to_json
+
+    lines = ["| " + " | ".join(cells) + " |" for cells in (_HEAD, ["---"] * len(_HEAD), *rows)]
+    note = f"Errors at the end of outages, medians; pipeline {data['pipeline']}, against {_against(data['against'])}."
+    (folder / "outages.md").write_text("\n".join([*lines, "", note, ""]), encoding="utf-8")
+    (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+    _draw(folder / "outages.png", found)
+
+
+def _draw(path: Path, found: Mapping[float, list[Outage]]) -> None:
+    """How the horizontal error grows in every outage. Raises PluginError where Matplotlib is not installed."""
+    from recon.errors import PluginError
+
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise PluginError("the plot needs matplotlib", "pip install recon-dynamics[figures]") from error
+    figure = Figure(figsize=(6.7, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for color, (length, some) in zip(
+        ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"), found.items(), strict=False
+    ):
+        for number, one in enumerate(some):
+            label = f"{length:g} s, {len(some)} outages" if number == 0 else None
+            axes.plot(one.t_s, one.growth, color=color, linewidth=0.9, alpha=0.75, label=label)
+            axes.plot(one.t_s[-1:], one.growth[-1:], "o", color=color, markersize=3.0)
+    axes.set_xlabel("s without GNSS")
+    axes.set_ylabel("horizontal error [m]")
+    axes.grid(color="#e4e6e8")
+    axes.legend(frameon=False)
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    figure.savefig(path, dpi=160)

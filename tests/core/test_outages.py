@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from recon.cli import main
+from recon.errors import NotEnoughData
+from recon.outages import APART_S, measured, placed, simulate, statistics, without_fixes
+from recon.recording import Recording
+from recon.tables import matrix, replace, time_ns
+from recon_simulators.drive import DriveParams, simulate_drive
+
+
+@pytest.fixture(scope="module")
+def drive():
+    streams = simulate_drive(DriveParams(motion="city", duration=200.0, sensors="automotive", seed=4))
+    return Recording({name: streams[name] for name in ("imu", "gnss", "reference")})
+
+
+def test_outages_are_apart_and_repeat_with_the_seed(drive):
+    spans = placed(drive["gnss"], 20.0, 10, np.random.default_rng(1))
+    assert spans == placed(drive["gnss"], 20.0, 10, np.random.default_rng(1))
+    assert spans != placed(drive["gnss"], 20.0, 10, np.random.default_rng(2))
+    t_ns = time_ns(drive["gnss"])
+    edges = np.array([t_ns[0], *np.ravel(spans), t_ns[-1]])
+    assert (np.diff(edges)[::2] >= APART_S * 1e9 - 2).all()
+    np.testing.assert_array_equal(np.diff(edges)[1::2], 20_000_000_000)
+
+
+def test_an_outage_that_finds_no_room_is_refused(drive):
+    with pytest.raises(NotEnoughData, match="outage of 300 s"):
+        placed(drive["gnss"], 300.0, 10, np.random.default_rng(1))
+
+
+def test_fixes_go_from_every_receiver_and_nothing_else(drive):
+    both = drive.updated({"gnss_2": drive["gnss"]})
+    ((start, end),) = spans = placed(drive["gnss"], 30.0, 1, np.random.default_rng(1))
+    cut = without_fixes(both, spans)
+    for name in ("gnss", "gnss_2"):
+        t_ns = time_ns(cut[name])
+        assert not ((t_ns >= start) & (t_ns < end)).any()
+        assert cut[name].num_rows == both[name].num_rows - 150  # 30 s at 5 Hz
+    assert cut["imu"] is both["imu"]
+
+
+def test_errors_are_those_at_the_end(drive):
+    """A trajectory that drifts east by 1 cm/s from the start of the record."""
+    truth = drive["reference"]
+    t_s = (time_ns(truth) - time_ns(truth)[0]) * 1e-9
+    drifting = replace(truth, pos=matrix(truth, "pos") + np.column_stack([0.01 * t_s, 0.0 * t_s, 0.0 * t_s]))
+    drifting = drifting.drop_columns(["lat", "lon", "height"])
+    spans = placed(drive["gnss"], 20.0, 2, np.random.default_rng(1))
+    found = measured(drifting, truth.drop_columns(["lat", "lon", "height"]), spans)
+    for one, (_, end) in zip(found, spans, strict=True):
+        # The last row lies up to 10 ms before the end, which is 0.1 mm.
+        assert one.horizontal == pytest.approx(0.01 * (end - time_ns(truth)[0]) * 1e-9, abs=2e-4)
+        assert one.worst == one.horizontal
+        assert one.heading == 0.0
+
+
+def test_statistics_say_nothing_of_sigmas_where_errors_are_shared(drive):
+    found, against = simulate(drive, lambda recording: recording["reference"], [10.0], 2, 0)
+    assert against == "reference"
+    assert statistics(found[10.0], "all fixes")["within_2_sigma"] is None
+    assert statistics(found[10.0], against)["horizontal"]["max"] == 0.0
+
+
+def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
+    pipeline, kept, out = tmp_path / "drive.yaml", tmp_path / "drive", tmp_path / "tunnels"
+    step = {"use": "simulator.drive", "params": {"motion": "city", "duration": "120 s", "sensors": "automotive"}}
+    pipeline.write_text(yaml.safe_dump({"recon": 1, "name": "drive", "steps": [step]}))
+    assert main(["run", str(pipeline), "--out", str(kept)]) == 0
+    capsys.readouterr()
+    assert main(["outages", str(kept), "--lengths", "10", "--most", "2", "--out", str(out)]) == 0
+    assert "against the log's own reference" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["outages.json", "outages.md", "outages.png"]
+    told = json.loads((out / "outages.json").read_text())
+    # Two frequencies, good to a metre: ten seconds add little, and nothing that a sigma of 1.4 m does not cover.
+    assert told["lengths"][0]["horizontal"]["max"] < 5.0
+    assert main(["outages", str(kept), "--lengths", "ten"]) == 2
