@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from recon import api
 from recon.errors import Difference, PluginNotFound
-from recon.evidence.sameness import unlike, unlike_data
+from recon.evidence.sameness import farthest_in_sigmas, unlike, unlike_data
 from recon.pipeline import Pipeline
 from recon.registry import Registry, Source
 from recon.stages import Exporter, Reader, role_of
@@ -58,7 +58,9 @@ def compare(sealed: api.Run, again: api.Run) -> bool:
     """Did a run give the same bytes? Raises Difference where a number, or what is told of it, is another one."""
     fault = unlike(sealed.recording, again.recording)
     if fault:
-        raise Difference(f"run again, the result is another one: {fault}")
+        moved = farthest_in_sigmas(sealed.recording, again.recording)
+        told = "" if moved is None else f"; no metric moved by more than {moved:.1e} of its sigma"
+        raise Difference(f"run again, the result is another one: {fault}{told}")
     fault = unlike_data(_comparable(sealed.manifest), _comparable(again.manifest), "")
     if fault:
         raise Difference(f"run again, its manifest is another one: {fault}")

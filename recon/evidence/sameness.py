@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -44,10 +44,10 @@ def _unlike_tables(one: pa.Table, other: pa.Table, stream: str) -> str:
     sizes = _sizes_of_rows(one) if stream in APPENDED else None
     for name in one.column_names:
         fault = _unlike_columns(one[name], other[name], sizes)
-        if fault:
-            return f".{name}, {fault}"
-    fault = unlike_data(meta(one), meta(other), "")
-    return f": its facts differ: {fault}" if fault else ""
+        if fault is not None:
+            return f".{name}, row {fault.row + 1}{_called(one, fault.row)}: {fault.text}"
+    told = unlike_data(meta(one), meta(other), "")
+    return f": its facts differ: {told}" if told else ""
 
 
 def _sizes_of_rows(table: pa.Table) -> Array:
@@ -56,30 +56,46 @@ def _sizes_of_rows(table: pa.Table) -> Array:
     return np.asarray(np.nan_to_num(np.array(columns)).max(axis=0, initial=0.0))
 
 
-def _unlike_columns(one: pa.ChunkedArray, other: pa.ChunkedArray, sizes: Array | None) -> str:
+class Fault(NamedTuple):
+    """The first row of a column that is not the same, from 0, and how."""
+
+    row: int
+    text: str
+
+
+def _called(table: pa.Table, row: int) -> str:
+    """What a row of events or metrics is about; "" for any other."""
+    words = [table[name][row].as_py() for name in ("step", "name", "kind") if name in table.column_names]
+    return f" ({' '.join(str(word) for word in words)})" if words else ""
+
+
+def _unlike_columns(one: pa.ChunkedArray, other: pa.ChunkedArray, sizes: Array | None) -> Fault | None:
     if one.equals(other):
-        return ""
+        return None
     if pa.types.is_list(one.type):
-        lengths = [[None if item is None else len(item) for item in column.to_pylist()] for column in (one, other)]
-        if lengths[0] != lengths[1]:
-            return "lists of other lengths"
-        return _unlike_columns(_flat(one), _flat(other), None)
+        return _unlike_lists(one, other)
     if not pa.types.is_floating(one.type):
-        pairs = zip(one.to_pylist(), other.to_pylist(), strict=True)
-        return next((f"row {row}: {a!r}, and now {b!r}" for row, (a, b) in enumerate(pairs, 1) if a != b), "")
-    return _unlike_numbers(_doubles(one), _doubles(other), sizes)
+        pairs = enumerate(zip(one.to_pylist(), other.to_pylist(), strict=True))
+        return next((Fault(row, f"{a!r}, and now {b!r}") for row, (a, b) in pairs if a != b), None)
+    return unlike_numbers(_doubles(one), _doubles(other), sizes)
 
 
-def _flat(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """The items of all lists of a column."""
-    return pa.chunked_array([column.combine_chunks().flatten()])
+def _unlike_lists(one: pa.ChunkedArray, other: pa.ChunkedArray) -> Fault | None:
+    """As `_unlike_columns`, of lists of numbers: their items are one column."""
+    lengths = [[len(item or ()) for item in column.to_pylist()] for column in (one, other)]
+    changed = next((row for row, (a, b) in enumerate(zip(*lengths, strict=True)) if a != b), None)
+    if changed is not None:
+        return Fault(changed, f"{lengths[0][changed]} numbers, and now {lengths[1][changed]}")
+    flat = [_doubles(pa.chunked_array([column.combine_chunks().flatten()])) for column in (one, other)]
+    fault = unlike_numbers(flat[0], flat[1], None)
+    return fault and Fault(int(np.searchsorted(np.cumsum(lengths[0]), fault.row, "right")), fault.text)
 
 
 def _doubles(column: pa.ChunkedArray) -> Array:
     return np.asarray(column.combine_chunks().to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _unlike_numbers(one: Array, other: Array, sizes: Array | None) -> str:
+def unlike_numbers(one: Array, other: Array, sizes: Array | None = None) -> Fault | None:
     """The first pair of numbers (n,) that is not the same; sizes : (n,) at least that of each, None for the column's.
 
     NaN, infinities and missing values must be where they were.
@@ -93,9 +109,21 @@ def _unlike_numbers(one: Array, other: Array, sizes: Array | None) -> str:
         alike = (one == other) | (np.isnan(one) & np.isnan(other))
         same = np.where(finite, np.abs(one - other) <= TOLERANCE * size, alike)
     if same.all():
-        return ""
+        return None
     row = int(np.argmin(same))
-    return f"row {row + 1}: {one[row].item()!r}, and now {other[row].item()!r}"
+    apart = abs(one[row] - other[row]) / size[row] if finite[row] else math.nan
+    far = f", {apart:.1e} of its size apart" if math.isfinite(apart) else ""
+    return Fault(row, f"{one[row].item()!r}, and now {other[row].item()!r}{far}")
+
+
+def farthest_in_sigmas(sealed: Recording, again: Recording) -> float | None:
+    """How far a metric moved at most, in its sigmas; None where no metric has one, or the rows are others."""
+    before, after = sealed.get("metrics"), again.get("metrics")
+    if before is None or after is None or before.num_rows != after.num_rows:
+        return None
+    value, sigma, now = _doubles(before["value"]), _doubles(before["sigma"]), _doubles(after["value"])
+    known = np.isfinite(value) & np.isfinite(now) & (sigma > 0.0)
+    return float((np.abs(now - value)[known] / sigma[known]).max()) if known.any() else None
 
 
 def unlike_data(one: Any, other: Any, where: str) -> str:

@@ -216,7 +216,8 @@ def _unpack(entry: Entry, folder: Path, name: str) -> None:
 
 def _replayed(sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, notes: Sequence[str]) -> bool:
     """Does the run give the same bytes again? Raises Difference where it does not even give the same numbers."""
-    why = f"perhaps since {'; '.join(notes)}" if notes else "the versions are the same: it was changed after it was run"
+    alike = "code, packages and kind of processor are those of the seal: it was changed after it was run"
+    why = f"perhaps since {'; '.join(notes)}" if notes else alike
     try:
         return replay.compare(sealed, replay.run_again(sealed.manifest, inputs, folder, registry))
     except Difference as error:

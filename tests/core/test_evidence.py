@@ -13,6 +13,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from evidence_runs import PIPELINE, write_log
@@ -24,7 +25,7 @@ from recon import api, evidence
 from recon.cli import main
 from recon.errors import ConfigError, DataError, Difference, PluginNotFound, ReadFailed
 from recon.evidence import archive, contents
-from recon.evidence.sameness import unlike_data
+from recon.evidence.sameness import farthest_in_sigmas, unlike, unlike_data, unlike_numbers
 from recon.evidence.verification import check_bytes
 
 
@@ -308,7 +309,7 @@ def test_a_result_that_does_not_follow_from_the_log_is_found_with_its_place(seal
     forged = forge(sealed, lambda files: files.update({IMU: edited_stream(files[IMU], tmp_path, faster)}))
     with pytest.raises(Difference, match=r"imu\.accel_x, row 204: ") as caught:
         evidence.verify(forged)
-    assert "the versions are the same: it was changed after it was run" in caught.value.hint
+    assert "are those of the seal: it was changed after it was run" in caught.value.hint
 
 
 def test_a_manifest_whose_inputs_lead_elsewhere_is_found(sealed):
@@ -352,7 +353,7 @@ def test_other_versions_are_told_and_are_no_difference(sealed):
             files["manifest.json"] = files["manifest.json"].replace(old, new)
         versions = json.loads(files["versions.json"])
         versions["recon"], versions["packages"]["numpy"] = "0.0.1", "1.26.0"
-        versions["code"][0]["sha256"] = "0" * 64
+        versions["code"][0]["sha256"], versions["processor"] = "0" * 64, "NEON"
         files["versions.json"] = json.dumps(versions).encode()
 
     found = evidence.verify(forge(sealed, older))
@@ -360,6 +361,7 @@ def test_other_versions_are_told_and_are_no_difference(sealed):
     assert "recon was 0.0.1" in found.notes[0]
     assert any(note.startswith("numpy was 1.26.0") for note in found.notes)
     assert any(note.startswith("the code of recon is another one") for note in found.notes)
+    assert "the kind of processor is another one, which rounds otherwise" in found.notes
 
 
 @settings(max_examples=60)
@@ -371,12 +373,29 @@ def test_numbers_are_the_same_within_a_share_of_1e_9(value, share):
 
 
 def test_missing_numbers_must_be_missing_again():
-    from recon.evidence.sameness import _unlike_numbers
-
     nan, inf = np.nan, np.inf
-    assert _unlike_numbers(np.array([1.0, nan, inf]), np.array([1.0, nan, inf]), None) == ""
+    assert unlike_numbers(np.array([1.0, nan, inf]), np.array([1.0, nan, inf])) is None
     for other in ([1.0, 2.0, inf], [1.0, nan, -inf], [nan, nan, inf]):
-        assert _unlike_numbers(np.array([1.0, nan, inf]), np.array(other), None)
+        assert unlike_numbers(np.array([1.0, nan, inf]), np.array(other))
+
+
+def test_a_difference_says_how_far_apart_and_what_it_means_in_sigmas():
+    """What rounds otherwise moves a millionth of a sigma; who forges a number does not stop there."""
+    one = recon.Recording({"metrics": recon.metrics([recon.Metric("delta_v", 12.0, "km/h", 0.1)])})
+    other = recon.Recording({"metrics": recon.metrics([recon.Metric("delta_v", 12.0 + 1e-7, "km/h", 0.1)])})
+    assert unlike(one, other).startswith("metrics.value, row 1 (delta_v): 12.0, and now 12.0000001, 8.3e-09 of its")
+    assert farthest_in_sigmas(one, other) == pytest.approx(1e-6, rel=1e-3)
+    assert farthest_in_sigmas(one, recon.Recording({})) is None
+
+
+def test_the_first_list_that_is_unlike_is_named():
+    def of(*lists):
+        return recon.Recording({"a": pa.table({"root": pa.array(lists, pa.list_(pa.float32()))})})
+
+    same = of([1.0, 2.0], [3.0])
+    assert unlike(same, of([1.0, 2.0], [3.0])) == ""
+    assert unlike(same, of([1.0, 2.0], [4.0])).startswith("a.root, row 2: 3.0, and now 4.0")
+    assert unlike(same, of([1.0], [2.0, 3.0])) == "a.root, row 1: 2 numbers, and now 1"
 
 
 # --- what cannot be sealed or verified -------------------------------------------------------------------------------
