@@ -13,7 +13,11 @@ import pytest
 from blender_scenes import assert_curves_hold, blender_on_the_path, bpy_python, look, run_inside
 
 import recon
+from recon.check import check, with_exports
 from recon.cli import main
+from recon.overrides import Override
+from recon.pipeline import Pipeline
+from recon.registry import Registry
 from recon_exporters.blender import find_blender
 
 USE = Path(__file__).with_name("use_extension.py")
@@ -90,6 +94,23 @@ def test_an_older_result_is_loaded_with_other_options_and_a_vehicle_of_ones_own(
     assert facts["frames"] in (275, 276)
     assert facts["parent of my car"].startswith("vehicle")
     assert facts["scenes"] == 3  # Blender's own, and one for each press
+
+
+def test_what_is_set_in_the_panel_and_only_that_is_passed_on_with_its_unit(used):
+    """As a pipeline takes it: with its units, on the steps that it has."""
+    _, facts, _ = used
+    settings = [word for word in facts["words"] if "=" in word]
+    assert settings == [
+        "fuser.map.wheels=false",
+        "aligner.lever_arm.lever_arm=[1.2 m, 0 m, 0.3 m]",
+        "exporter.blender.start=55 s",
+        "exporter.blender.end=66 s",
+        "exporter.blender.blender=none",
+    ]
+    pipeline = with_exports(Pipeline.from_file("crash"), ["blender"])
+    plan, problems = check(pipeline, Registry.installed(), [Override.from_option(text) for text in settings])
+    assert problems == []
+    assert [step.params.lever_arm for step in plan.steps if step.id == "aligner.lever_arm"] == [(1.2, 0.0, 0.3)]
 
 
 def test_what_is_wrong_is_said_in_recons_words(used):

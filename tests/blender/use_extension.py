@@ -30,9 +30,14 @@ def pressed(button):
         return str(error)
 
 
-def cancelled(given, log, folder):
+def module_of(part):
+    """A module of the extension, whatever Blender calls its package."""
+    return next(module for name, module in sys.modules.items() if name.endswith(f"_blender_extension.{part}"))
+
+
+def cancelled(log, folder):
     """What is left of work that is ended after its first step began."""
-    (running,) = (module for name, module in sys.modules.items() if name.endswith("_blender_extension.running"))
+    running = module_of("running")
     words = ["run", "thesis", log, "--out", str(folder / "cancelled")]
     work = running.Work.start(words, running.PACKAGES.search_path())
     while not work.said and not work.finished():
@@ -50,7 +55,7 @@ def main(archive, log, folder):
     given.log, given.folder = str(folder / "letter.txt"), str(folder / RUN)
     (folder / "letter.txt").write_text("Dear Sir or Madam,\n", encoding="utf-8")
     facts["not a log"] = pressed(bpy.ops.recon.reconstruct)
-    facts["cancelled"] = cancelled(given, log, folder)
+    facts["cancelled"] = cancelled(log, folder)
     given.log, given.start, given.end, given.slow_motion = log, 55.0, 66.0, 5.0
     facts["reconstruct"] = pressed(bpy.ops.recon.reconstruct)
     facts["scene"] = bpy.context.scene.name
@@ -64,6 +69,8 @@ def main(archive, log, folder):
     facts["load"] = pressed(bpy.ops.recon.load_result)
     facts["frames"] = bpy.context.scene.frame_end
     facts["parent of my car"] = given.own.parent.name
+    given.pipeline, given.lever_arm, given.wheels = "crash", (1.2, 0.0, 0.3), False
+    facts["words"] = module_of("settings").run_words(given)
     facts["scenes"] = len(bpy.data.scenes)
     facts["imported"] = sorted({name.partition(".")[0] for name in sys.modules} - before)
     (folder / "facts.json").write_text(json.dumps(facts), encoding="utf-8")

@@ -53,6 +53,20 @@ def _path(name: str, about: str, kind: str) -> dict[str, Any]:
     return {"name": name, "description": about, "default": "", "subtype": kind}
 
 
+_SMOOTHER: dict[str, Option] = {
+    "sensor_class": Option(
+        "fuser.map.sensor_class",
+        props.EnumProperty,
+        _choice("Sensors", "What kind of IMU it is", "consumer_mems", "automotive", "industrial", "tactical"),
+    ),
+    "wheels": Option(
+        "fuser.map.wheels",
+        props.BoolProperty,
+        {"name": "On wheels", "default": True, "description": "It hardly slips"},
+    ),
+}
+"""Of every pipeline that uses it."""
+
 OPTIONS: dict[str, dict[str, Option]] = {
     "thesis": {
         "window": Option(
@@ -67,20 +81,21 @@ OPTIONS: dict[str, dict[str, Option]] = {
             _number("Weight of GNSS", "At each record, between 0 and 1", 0.01, 0.0, 1.0, precision=3),
         ),
     },
-    "best_accuracy": {
-        "sensor_class": Option(
-            "fuser.map.sensor_class",
-            props.EnumProperty,
-            _choice("Sensors", "What kind of IMU it is", "consumer_mems", "automotive", "industrial", "tactical"),
-        ),
-        "wheels": Option(
-            "fuser.map.wheels",
-            props.BoolProperty,
-            {"name": "On wheels", "default": True, "description": "It hardly slips"},
+    "best_accuracy": _SMOOTHER,
+    "driving": _SMOOTHER,
+    "crash": {
+        **_SMOOTHER,
+        "lever_arm": Option(
+            "aligner.lever_arm.lever_arm",
+            props.FloatVectorProperty,
+            {
+                "name": "Centre of gravity (m)",
+                "description": "From the box to it: forward, left, up",
+                "default": (0.0, 0.0, 0.0),
+            },
+            "m",
         ),
     },
-    "driving": {},
-    "crash": {},
     "film": {
         "fps": Option(
             "exporter.blender.fps", props.IntProperty, _number("Frames per second", "Of the film", 25, 1, 1000)
@@ -180,6 +195,9 @@ OPTIONS: dict[str, dict[str, Option]] = {
 """By the part of the panel that shows them; the first ones belong to a pipeline."""
 
 
+FILM = ("film", "doubt", "solver")
+
+
 def pipelines() -> list[tuple[str, str, str]]:
     """Those that the recon that lies beside has: name, label, description."""
     there = PACKAGES.pipelines()
@@ -219,13 +237,13 @@ class Settings(bpy.types.PropertyGroup):
 def run_words(given: Settings) -> list[str]:
     """`recon` with these words reconstructs the log."""
     log, out = absolute(given.log), result_of(given)
-    chosen = words_of(given, given.pipeline, "film", "doubt", "solver") + _set(shlex.split(given.more))
+    chosen = words_of(given, given.pipeline, *FILM) + _set(shlex.split(given.more))
     return ["run", given.pipeline, str(log), "--out", str(out), "--overwrite", "--export", "blender", *chosen]
 
 
 def export_words(given: Settings) -> list[str]:
     """`recon` with these words makes the scene of an older result."""
-    return ["export", str(absolute(given.result)), "blender", *words_of(given, "film", "doubt", "solver")]
+    return ["export", str(absolute(given.result)), "blender", *words_of(given, *FILM)]
 
 
 def result_of(given: Settings) -> Path:
@@ -236,14 +254,14 @@ def result_of(given: Settings) -> Path:
 
 def words_of(given: Settings, *parts: str) -> list[str]:
     """`--set` for each option of these parts that is not at its default."""
-    found = ["exporter.blender.blender=none"]
+    found = []
     for part in parts:
         for name, option in OPTIONS[part].items():
             value = getattr(given, name)
             if _as_text(value) != _as_text(option.given["default"]):
-                text = json.dumps(str(absolute(value))) if option.path else _as_text(value)
-                found.append(f"{option.target}={text} {option.unit}".rstrip())
-    return _set(found)
+                text = json.dumps(str(absolute(value))) if option.path else _as_text(value, option.unit)
+                found.append(f"{option.target}={text}")
+    return _set([*found, "exporter.blender.blender=none"])
 
 
 def absolute(path: str) -> Path:
@@ -255,8 +273,10 @@ def _set(assignments: list[str]) -> list[str]:
     return [word for assignment in assignments for word in ("--set", assignment)]
 
 
-def _as_text(value: Any) -> str:
+def _as_text(value: Any, unit: str = "") -> str:
     """Blender keeps floats in single precision: six digits are what was typed."""
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float | int):
+        return f"{value:.6g} {unit}".rstrip()
+    return value if isinstance(value, str) else f"[{', '.join(_as_text(part, unit) for part in value)}]"
