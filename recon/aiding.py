@@ -57,7 +57,7 @@ def aids_of(
         plane, found = _ground(ground, observed, start_ns)
         aids.append(plane)
         learnt += found
-    if visual is not None and visual.num_rows > 1:
+    if visual is not None and visual.num_rows > 1 and imu.num_rows:
         aids += [_rate(visual, imu, start_ns), *_direction(visual, start_ns, trust)]
         learnt.append(Metric("visual_motions", float(visual.num_rows), note="that a camera saw"))
     return tuple(aids), learnt
