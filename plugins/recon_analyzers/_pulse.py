@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon import Array, has, matrix, meta, time_ns, vector
 from recon.knots import VELOCITY, Knots
-from recon.numerics.budget import Pulse
+from recon.numerics.budget import Doubt, Pulse
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.rotation import conjugate, rotate, shortest_arc
 from recon.numerics.saturation import clipped, hidden
@@ -28,6 +28,8 @@ _MOST_RATE: Final = 2000.0
 _QUIET_S: Final = (1.5, 0.05)
 """s before time zero from which noise is told."""
 _SMOOTH_S: Final = 0.1
+_WAKE_UP: Final = (0.8 / 3.6, 0.02)
+"""m/s and s, by which time zero is found."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,63 @@ def _turn(box: Array, vehicle: Array) -> Array:
     return np.asarray(left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right)
 
 
+@dataclass(frozen=True)
+class Known:
+    """What a run knows of its accelerations; `doubt` says what may be wrong with a pulse of them.
+
+    mounting_sigma : rad, where no step has told how well the axes of the vehicle are known
+    """
+
+    motion: Motion
+    trajectory: pa.Table | None
+    knots: pa.Table | None
+    metrics: pa.Table | None
+    sensor_class: str
+    mounting_sigma: float
+
+    def doubt(self, pulse: Pulse, zero_ns: int) -> Doubt:
+        """Sigmas for a pulse with that time zero."""
+        told = {name: self._learnt_sigma(f"mount_{name}") for name in ("roll", "pitch", "yaw")}
+        tilt = [self.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told.values()]
+        noise, bias = noise_of(self.motion, zero_ns), self._constant(zero_ns)
+        facts = meta(self.trajectory) if self.trajectory is not None else {}
+        return Doubt(
+            bias=bias,
+            scale=typical(self.sensor_class, "accel_scale"),
+            tilt=np.array(tilt),
+            gyro_bias=typical(self.sensor_class, "gyro_bias") if self.trajectory is None else 0.0,
+            gyro_scale=typical(self.sensor_class, "gyro_scale"),
+            lever=np.asarray(facts.get("lever_arm_sigma", (0.0, 0.0, 0.0)), dtype=np.float64),
+            time=_time_sigma(pulse, bias, noise),
+            noise=noise,
+        )
+
+    def _constant(self, zero_ns: int) -> Array:
+        """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.
+
+        Where a smoother tells how well it knows changes of velocity, that over half a second before, for bias and tilt
+        stay through it; else the bias of the class.
+        """
+        trajectory, since_ns = self.trajectory, zero_ns - round(LEAD_S * 1e9)
+        if trajectory is not None and self.knots is not None and self.knots.num_rows > 1 and has(trajectory, "q"):
+            known = Knots.of(self.knots)
+            if known.t_ns[0] <= since_ns and zero_ns <= known.t_ns[-1]:
+                change = known.covariance_of_change(since_ns, zero_ns)[VELOCITY, VELOCITY]
+                row = int(np.searchsorted(time_ns(trajectory), zero_ns).clip(max=trajectory.num_rows - 1))
+                q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
+                axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)
+                return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / LEAD_S)
+        return np.full(3, typical(self.sensor_class, "accel_bias"))
+
+    def _learnt_sigma(self, name: str) -> float | None:
+        """Sigma of the last row of a metric that has one."""
+        if self.metrics is None:
+            return None
+        rows = self.metrics.select(["name", "sigma"]).to_pylist()
+        known = [row["sigma"] for row in rows if row["name"] == name and row["sigma"] is not None]
+        return float(known[-1]) if known else None
+
+
 def noise_of(motion: Motion, zero_ns: int) -> Array:
     """Sigma of each sample before the impact, vibration included: (3,) m/s^2; 0 where there are too few."""
     since, until = (zero_ns - round(s * 1e9) for s in _QUIET_S)
@@ -143,37 +202,14 @@ def noise_of(motion: Motion, zero_ns: int) -> Array:
     return np.asarray(np.array(sizes) * np.sqrt(window / (window - 1.0)))
 
 
-def constant_error(trajectory: pa.Table | None, knots: pa.Table | None, zero_ns: int, sensor_class: str) -> Array:
-    """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.
-
-    Where a smoother tells how well it knows changes of velocity, that over half a second before, for bias and tilt stay
-    through it; else the bias of the class.
-    """
-    since_ns = zero_ns - round(LEAD_S * 1e9)
-    if trajectory is not None and knots is not None and knots.num_rows > 1 and has(trajectory, "q"):
-        known = Knots.of(knots)
-        if known.t_ns[0] <= since_ns and zero_ns <= known.t_ns[-1]:
-            change = known.covariance_of_change(since_ns, zero_ns)[VELOCITY, VELOCITY]
-            row = int(np.searchsorted(time_ns(trajectory), zero_ns).clip(max=trajectory.num_rows - 1))
-            q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
-            axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)
-            return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / LEAD_S)
-    return np.full(3, typical(sensor_class, "accel_bias"))
-
-
-def lever_doubt(trajectory: pa.Table | None) -> Array:
-    """Sigma of the lever arm by which an aligner has moved the trajectory: (3,) m."""
-    facts = meta(trajectory) if trajectory is not None else {}
-    return np.asarray(facts.get("lever_arm_sigma", (0.0, 0.0, 0.0)), dtype=np.float64)
-
-
-def learnt_sigma(metrics: pa.Table | None, name: str) -> float | None:
-    """Sigma of the last row of a metric that has one."""
-    if metrics is None:
-        return None
-    rows = metrics.select(["name", "sigma"]).to_pylist()
-    known = [row["sigma"] for row in rows if row["name"] == name and row["sigma"] is not None]
-    return float(known[-1]) if known else None
+def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
+    """Of time zero: half a sample, and by how much errors shift the crossing of the threshold, s."""
+    change, window_s = _WAKE_UP
+    ahead = pulse.accel[pulse.lead : pulse.lead + round(window_s / pulse.step_s) + 1, :2]
+    slope = float(np.linalg.norm(ahead[-1] - ahead[0])) if len(ahead) else 0.0
+    error = np.hypot(window_s * float(bias[:2].max()), float(noise[:2].max()) * np.sqrt(window_s * pulse.step_s))
+    steepest = max(slope, change / window_s)
+    return float(np.hypot(pulse.step_s / np.sqrt(12.0), error / steepest))
 
 
 def speed_at(trajectory: pa.Table | None, zero_ns: int) -> tuple[float, float] | None:

@@ -46,20 +46,9 @@ from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
 from recon.numerics.channel_class import LEAST_RATE, channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
-from recon.sensor_classes import SensorClass, typical
-from recon_analyzers._pulse import (
-    Motion,
-    constant_error,
-    learnt_sigma,
-    lever_doubt,
-    motion_of,
-    noise_of,
-    pulse_at,
-    speed_at,
-)
+from recon.sensor_classes import SensorClass
+from recon_analyzers._pulse import Known, Motion, motion_of, pulse_at, speed_at
 
-_WAKE_UP: Final = (0.8 / 3.6, 0.02)
-"""m/s and s, by which time zero is found."""
 _OLDEST_DELTA_V_S: Final = 0.3
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
     "delta_v_long_max": ("km/h", "49 CFR 563, 0 to 300 ms; forward positive"),
@@ -124,8 +113,8 @@ def analyze_crash(
         return _answer([], [Metric("impacts", 0.0, note=why)])
     pulses = [(span, pulse_at(motion, span[0], imu, events)) for span in found]
     impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
-    doubt = partial(_doubt, motion, trajectory, knots, metrics, params)
-    told = [(span, pulse, _told(pulse, doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
+    known = Known(motion, trajectory, knots, metrics, params.sensor_class, params.mounting_sigma)
+    told = [(span, pulse, _told(pulse, known.doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
@@ -203,41 +192,6 @@ def _gained(after: Array, step_s: float) -> Array:
 def _signed_extreme(y: Array) -> Array:
     """The value of the largest size, with its sign: (b, n) to (b,)."""
     return np.asarray(np.take_along_axis(y, np.abs(y).argmax(axis=1)[:, None], axis=1)[:, 0])
-
-
-def _doubt(
-    motion: Motion,
-    trajectory: pa.Table | None,
-    knots: pa.Table | None,
-    metrics: pa.Table | None,
-    params: CrashParams,
-    pulse: Pulse,
-    zero_ns: int,
-) -> Doubt:
-    """What may be wrong with the pulse, as far as the run tells."""
-    known = {name: learnt_sigma(metrics, f"mount_{name}") for name in ("roll", "pitch", "yaw")}
-    tilt = [params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in known.values()]
-    noise, bias = noise_of(motion, zero_ns), constant_error(trajectory, knots, zero_ns, params.sensor_class)
-    return Doubt(
-        bias=bias,
-        scale=typical(params.sensor_class, "accel_scale"),
-        tilt=np.array(tilt),
-        gyro_bias=typical(params.sensor_class, "gyro_bias") if trajectory is None else 0.0,
-        gyro_scale=typical(params.sensor_class, "gyro_scale"),
-        lever=lever_doubt(trajectory),
-        time=_time_sigma(pulse, bias, noise),
-        noise=noise,
-    )
-
-
-def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
-    """Of time zero: half a sample, and by how much errors shift the crossing of the threshold, s."""
-    change, window_s = _WAKE_UP
-    ahead = pulse.accel[pulse.lead : pulse.lead + round(window_s / pulse.step_s) + 1, :2]
-    slope = float(np.linalg.norm(ahead[-1] - ahead[0])) if len(ahead) else 0.0
-    error = np.hypot(window_s * float(bias[:2].max()), float(noise[:2].max()) * np.sqrt(window_s * pulse.step_s))
-    steepest = max(slope, change / window_s)
-    return float(np.hypot(pulse.step_s / np.sqrt(12.0), error / steepest))
 
 
 def _speed(trajectory: pa.Table | None, zero_ns: int) -> Iterable[Metric]:

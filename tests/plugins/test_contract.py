@@ -46,7 +46,7 @@ MEASURED = FOLDER / "drive.mf4"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "drive.pos", "sbet.out"))
-KF_GINS, KITTI = FOLDER / "kf_gins", FOLDER / "kitti"
+KF_GINS, KITTI, EDR = FOLDER / "kf_gins", FOLDER / "kitti", FOLDER / "edr.csv"
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -103,6 +103,7 @@ def logs() -> dict[Path, bytes]:
         KML: log_files.kml(),
         POS: log_files.rtklib(),
         SBET: log_files.sbet(),
+        EDR: b"Times (sec),Speed (km/h)\n-1,50\n0,48\n\nTime (msec),Delta-V longitudinal (km/h)\n0,0\n10,-2\n",
         **{KF_GINS / name: content for name, content in log_files.kf_gins().items()},
         **{KITTI / name: content for name, content in log_files.kitti().items()},
     }
@@ -286,6 +287,11 @@ def test_reader_sbet(law: BoundLaw) -> None:
     cases=[Case("folder", path=KF_GINS), *(Case(name, path=KF_GINS / name) for name in log_files.kf_gins())],
 )
 def test_reader_kf_gins(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.edr_csv", cases=[Case(path=EDR)])
+def test_edr_csv(law: BoundLaw) -> None:
     law()
 
 

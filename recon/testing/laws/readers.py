@@ -96,6 +96,8 @@ def a_gap_in_the_file_stays_a_gap(subject: Subject) -> None:
     holed = _read_lines(subject, lines[:start] + lines[stop:])
     if before is None or during is None or holed is None:
         return  # no format of lines, or one that says that it needs them all
+    if not (_timed(before) and _timed(during)):
+        return  # tables whose rows have no time of day
     first_ns, last_ns = _last_time(before), _last_time(during)
     for name, table in _timed(holed).items():
         t_ns = time_ns(table)

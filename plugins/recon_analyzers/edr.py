@@ -1,0 +1,248 @@
+"""The table that an event data recorder would hold, from the reconstruction, beside what one recorded and what GNSS
+says.
+
+Elements, units, resolutions and times are those of 49 CFR part 563 (see recon.edr): the speed before time zero, 5 s at
+2 Hz or, by the coming rule, 20 s at 10 Hz; delta-V at 100 Hz to 250 ms or 30 ms after the end of the event; its maxima.
+Values are rounded as the regulation does, sigmas are not; they carry what those of analyzer.crash carry. What an IMU
+cannot know, as the brake's switch, is left out.
+
+Time zero of a recorder is its own: tables are laid side by side by the time from it. GNSS lags, by the delay that the
+fuser found; within half a second of the impact a receiver smears what it did, so the speed before is compared up to
+there.
+
+References
+    49 CFR 563.5, 563.7, 563.8; 89 FR 102810; ISO/TR 12353-3:2013 (interpretation of recorded data).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon import (
+    EVENTS,
+    GNSS,
+    IMU,
+    KNOTS,
+    METRICS,
+    TRAJECTORY,
+    Analyzer,
+    Array,
+    Metric,
+    Params,
+    Streams,
+    build,
+    hookimpl,
+    metrics,
+    quantity,
+    setting,
+)
+from recon.edr import (
+    ACCELERATIONS,
+    AFTER_END_S,
+    DELTA_V,
+    DELTA_V_LAT,
+    DELTA_V_LONG,
+    EDR,
+    EDR_COMPARISON,
+    ELEMENTS,
+    LONGEST_MAXIMUM_S,
+    NOT_TOLD,
+    PRE_CRASH,
+    SPEED,
+    TIME_RESOLUTION_S,
+    Element,
+    Rule,
+)
+from recon.numerics import severity
+from recon.numerics.budget import Pulse, Uncertain, propagate
+from recon.numerics.channel_class import channel_class
+from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.rows import spans
+from recon.schema import Schema
+from recon.sensor_classes import SensorClass
+from recon_analyzers._edr_sheet import Rows, less_gnss, sheet_of, verdict
+from recon_analyzers._pulse import Known, motion_of, pulse_at, speed_at
+
+_SAE: Final = np.array([1.0, -1.0, -1.0])
+"""ISO 8855 to SAE J1698."""
+
+
+class EdrParams(Params):
+    """Parameters of analyzer.edr."""
+
+    rule: Rule = setting("2006", doc="Pre-crash data: 2006 for 5 s at 2 Hz, 2024 for 20 s at 10 Hz.")
+    rounded: bool = setting(True, doc="Values in the resolution of the regulation; false: as they are.")
+    sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
+    mounting_sigma: float = quantity(
+        1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
+    )
+
+
+def analyze_edr(
+    *,
+    trajectory: pa.Table | None,
+    imu: pa.Table | None,
+    knots: pa.Table | None,
+    gnss: pa.Table | None,
+    events: pa.Table | None,
+    metrics: pa.Table | None,
+    recorded_pre_crash: pa.Table | None,
+    recorded_crash: pa.Table | None,
+    params: EdrParams,
+) -> Streams:
+    """Streams edr_pre_crash, edr_crash and edr_comparison, and the elements that are single numbers.
+
+    recorded_pre_crash, recorded_crash : as reader.edr_csv reads them from a recorder's table
+    """
+    found, motion = spans(events, "crash"), motion_of(trajectory, imu)
+    before: Rows = []
+    after: Rows = []
+    learnt = [Metric("edr_number_of_events", float(len(found)), note="Multi-event, number of events")]
+    for number, (zero_ns, end_ns) in enumerate(found, start=1):
+        before += _before(trajectory, number, zero_ns, params)
+        pulse = pulse_at(motion, zero_ns, imu, events) if motion is not None and motion.directed else None
+        if motion is not None and pulse is not None:
+            known = Known(motion, trajectory, knots, metrics, params.sensor_class, params.mounting_sigma)
+            rows, largest = _after(pulse, known, number, zero_ns, end_ns)
+            after += rows
+            learnt += largest
+    learnt += _of_all(found, after)
+    sheet = sheet_of(before, after, recorded_pre_crash, recorded_crash, gnss, [zero for zero, _ in found], metrics)
+    return {
+        "edr_pre_crash": _table(EDR, _rounded(before, params)),
+        "edr_crash": _table(EDR, _rounded(after, params)),
+        "edr_comparison": _table(EDR_COMPARISON, sheet),
+        "metrics": _metrics([*learnt, *verdict(sheet), *less_gnss(trajectory, gnss, metrics, found)]),
+    }
+
+
+def _metrics(rows: list[Metric]) -> pa.Table:
+    return metrics(rows)
+
+
+def _row(number: int, t: float, element: Element, value: float, sigma: float | None = None) -> dict[str, Any]:
+    return {"event": number, "t": t, "element": element.name, "unit": element.unit, "value": value, "sigma": sigma}
+
+
+def _before(trajectory: pa.Table | None, number: int, zero_ns: int, params: EdrParams) -> Rows:
+    """Speeds up to time zero; none where the trajectory does not reach."""
+    length_s, rate_hz = PRE_CRASH[params.rule]
+    rows: Rows = []
+    for t in (np.arange(-round(length_s * rate_hz), 1) / rate_hz).tolist():
+        told = speed_at(trajectory, zero_ns + round(t * 1e9))
+        if told is not None:
+            rows.append(_row(number, t, SPEED, *(3.6 * value for value in told)))
+    return rows
+
+
+def _after(pulse: Pulse, known: Known, number: int, zero_ns: int, end_ns: int) -> tuple[Rows, list[Metric]]:
+    """Delta-V at 100 Hz, and its maxima."""
+    until_s = (end_ns - zero_ns) * 1e-9 + AFTER_END_S
+    length_s, rate_hz = DELTA_V
+    here_s = (len(pulse.accel) - pulse.lead - 1) * pulse.step_s
+    t_s = np.arange(int(min(length_s, until_s, here_s) * rate_hz + 1e-6) + 1) / rate_hz
+    longest_s = min(LONGEST_MAXIMUM_S, until_s, here_s)
+    measures = partial(_elements, pulse=pulse, t_s=t_s, longest_s=longest_s)
+    told = propagate(pulse, known.doubt(pulse, zero_ns), measures)
+    force = channel_class(pulse.accel, 60, 1.0 / pulse.step_s)[pulse.lead :] * _SAE / STANDARD_GRAVITY
+    own_s = np.arange(len(force)) * pulse.step_s
+    rows: Rows = []
+    for i, t in enumerate(t_s.tolist()):
+        gained = [(element, told[f"{element.name} {i}"]) for element in (DELTA_V_LONG, DELTA_V_LAT)]
+        rows += [_row(number, t, element, found.value, found.sigma) for element, found in gained]
+        felt = [float(np.interp(t, own_s, axis)) for axis in force.T]
+        rows += [_row(number, t, element, value) for element, value in zip(ACCELERATIONS, felt, strict=True)]
+    return rows, [m for name in ("longitudinal", "lateral", "resultant") for m in _maximum(told, name, number)]
+
+
+def _elements(accel: Array, yaw_rate: Array, *, pulse: Pulse, t_s: Array, longest_s: float) -> dict[str, Array]:
+    """Delta-V of many variants of a pulse at some times, and its maxima, km/h and s: (b,) each."""
+    gained = 3.6 * severity.integral(accel[:, pulse.lead :, :2], pulse.step_s) * _SAE[:2]
+    own_s = np.arange(gained.shape[1]) * pulse.step_s
+    found: dict[str, Array] = {}
+    for axis, element in enumerate((DELTA_V_LONG, DELTA_V_LAT)):
+        at = np.stack([np.interp(t_s, own_s, one) for one in gained[..., axis]])
+        found |= {f"{element.name} {i}": at[:, i] for i in range(len(t_s))}
+    within = gained[:, : round(longest_s / pulse.step_s) + 1]
+    for name, values in (
+        ("longitudinal", within[..., 0]),
+        ("lateral", within[..., 1]),
+        ("resultant", np.hypot(within[..., 0], within[..., 1])),
+    ):
+        at_most = np.abs(values).argmax(axis=1)
+        found[f"maximum_{name}"] = values[np.arange(len(values)), at_most]
+        found[f"time_{name}"] = at_most * pulse.step_s
+    return found
+
+
+def _maximum(told: Mapping[str, Uncertain], name: str, number: int) -> list[Metric]:
+    """As it is; the notes say what a recorder would write."""
+    largest, when = told[f"maximum_{name}"], told[f"time_{name}"].value
+    coarse = TIME_RESOLUTION_S * float(np.round(when / TIME_RESOLUTION_S))
+    suffix = "" if number == 1 else f"_event_{number}"
+    how, title = "49 CFR 563, 0 to 300 ms or to the end of the event and 30 ms", f"maximum delta-V, {name}"
+    note, later = f"M{title[1:]}: {largest.value:.0f} km/h", f"Time, {title}: {1e3 * coarse:g} ms"
+    return [
+        Metric(
+            f"edr_maximum_delta_v_{name}{suffix}",
+            largest.value,
+            "km/h",
+            largest.sigma,
+            largest.low,
+            largest.high,
+            how,
+            note,
+        ),
+        Metric(f"edr_time_maximum_delta_v_{name}{suffix}", when, "s", method=how, note=later),
+    ]
+
+
+def _of_all(found: list[tuple[int, int]], after: Rows) -> Iterable[Metric]:
+    if len(found) > 1:
+        apart = (found[1][0] - found[0][0]) * 1e-9
+        yield Metric("edr_time_from_event_1_to_2", apart, "s", note="Time from event 1 to 2")
+    complete = {row["event"] for row in after} == set(range(1, len(found) + 1))
+    yield Metric("edr_complete_file_recorded", float(complete), note="Complete file recorded: 1 yes, 0 no")
+    yield Metric("edr_elements_left_out", note=NOT_TOLD)
+
+
+def _rounded(rows: Rows, params: EdrParams) -> Rows:
+    """In the resolution of each element, where that is asked for; nought without a sign."""
+    if not params.rounded:
+        return rows
+    steps = {name: element.resolution for name, element in ELEMENTS.items()}
+    return [row | {"value": steps[row["element"]] * round(row["value"] / steps[row["element"]]) + 0.0} for row in rows]
+
+
+def _table(schema: Schema, rows: Rows) -> pa.Table:
+    columns = {c.name: pa.array([row.get(c.name) for row in rows], c.type, from_pandas=True) for c in schema.columns}
+    return build(schema, **columns)
+
+
+@hookimpl
+def declare_analyzers() -> Iterable[Analyzer]:
+    """The analyzer `edr`."""
+    recorded = EDR.need("event", "t", "element", "value", optional=True)
+    yield Analyzer(
+        name="edr",
+        summary="The table of an event data recorder (49 CFR 563), beside a recorder's own and GNSS.",
+        params=EdrParams,
+        run=analyze_edr,
+        reads={
+            "trajectory": TRAJECTORY.need(maybe=["accel", "gyro", "vel", "q", "vel_std"], optional=True),
+            "imu": IMU.need("accel", maybe=["gyro"], optional=True),
+            "knots": KNOTS.need("root", "chain", "shared", "gyro_noise", "accel_noise", optional=True),
+            "gnss": GNSS.need(maybe=["speed"], optional=True),
+            "events": EVENTS.need("time", "end_time", "kind", optional=True),
+            "metrics": METRICS.need("name", "value", "sigma", optional=True),
+            "recorded_pre_crash": recorded,
+            "recorded_crash": recorded,
+        },
+        writes={"edr_pre_crash": EDR, "edr_crash": EDR, "edr_comparison": EDR_COMPARISON},
+        references=("49 CFR 563", "89 FR 102810", "SAE J1698-1"),
+    )
