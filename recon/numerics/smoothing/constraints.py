@@ -41,12 +41,16 @@ def add_walks(normal: Normal, state: State, length: Floats, gyro_walk: float, ac
     normal.add_walk(ACCEL_BIAS, np.diff(state.accel_bias), accel_walk**2 * length)
 
 
-def add_drift(normal: Normal, drift_n: Floats, length: Floats, sigma: Floats, tau: float) -> None:
-    """Add the Gauss-Markov process of the GNSS position. sigma : (3,) m; tau : s."""
+def add_drift(normal: Normal, drift_n: Floats, length: Floats, sigma: Floats, tau: float, begins: bool = True) -> None:
+    """Add the Gauss-Markov process of the GNSS position, which begins at the first knot, or before it.
+
+    sigma : (3,) m; tau : s
+    """
     kept = np.exp(-length / tau)
     variance = (1.0 - kept**2) * sigma[:, None] ** 2
     normal.add_walk(DRIFT, drift_n[:, 1:] - kept * drift_n[:, :-1], variance, kept)
-    normal.add_values([0], DRIFT, drift_n[:, :1].T, 1.0 / sigma[None] ** 2)
+    if begins:
+        normal.add_values([0], DRIFT, drift_n[:, :1].T, 1.0 / sigma[None] ** 2)
 
 
 def add_standing(

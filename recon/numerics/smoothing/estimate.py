@@ -63,6 +63,11 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.mounting = turned @ smoother.mounting
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
+    return with_covariances(smoother, solved)
+
+
+def with_covariances(smoother: Smoother, solved: Solved) -> Estimate:
+    """A solution that the smoother found last, with its covariances."""
     inverse = selected_inverse(solved.system, solved.solution)
     free = smoother.free
     common = np.zeros((COMMON_SIZE, COMMON_SIZE))
@@ -141,7 +146,7 @@ def part_of(drive: Drive, intervals: slice) -> Drive:
 
 
 def knots_of(state: State, intervals: slice) -> State:
-    """The knots of some intervals."""
+    """The knots of some intervals, one more than these."""
     k = slice(intervals.start, intervals.stop + 1)
     return replace(
         state,

@@ -18,6 +18,7 @@ from typing import Final
 
 import numpy as np
 
+from recon.numerics.smoothing.arrival import Arrival
 from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks
 from recon.numerics.smoothing.earth import GravityField, earth_rate_n
@@ -96,15 +97,17 @@ tell.
 
 
 class Smoother:
-    """A drive made ready: stops found, epochs placed, memory taken. `solve` may be called with other noise."""
+    """A drive made ready: stops found, epochs placed, memory taken. `solve` may be called with other noise.
 
-    def __init__(self, drive: Drive, model: Model) -> None:
-        self.drive, self.model = drive, model
+    arrival : what is known of the first knot and of what is common, in place of the priors of the model
+    """
+
+    def __init__(self, drive: Drive, model: Model, arrival: Arrival | None = None) -> None:
+        self.drive, self.model, self.arrival = drive, model, arrival
         samples = drive.samples
         self.blocks = block_means(samples, max(1, round(0.1 * samples.per_interval / _typical(samples))))
         self.motion = motion = fix_motion(drive.fixes)
-        late = find_lag(self.blocks, *motion) if model.lag > 0.0 else UNKNOWN
-        self.moved_lag = -late.seconds if abs(late.seconds) > max(_STALE_LAG, 3.0 * late.sigma) else 0.0
+        self.moved_lag = self._first_lag()
         self.first_lag = self.moved_lag
         self.still = still_blocks(self.blocks, motion[0] + self.moved_lag, motion[1])
         self.still_noise = still_noise(self.blocks, self.still)
@@ -127,8 +130,15 @@ class Smoother:
         directed = located[:2].all() or bool((np.isfinite(drive.fixes.vel_sigma[1]) & ~drive.fixes.speed_only).any())
         self.heading_sigma = np.array([np.inf, np.inf, np.inf if directed else _CONVENTION])
         self.mounting = np.eye(3) if model.mounting is None else model.mounting
-        self.free = np.ones(COMMON_SIZE, dtype=bool)
+        self.free = np.ones(COMMON_SIZE, dtype=bool) if arrival is None else arrival.free
         self._place()
+
+    def _first_lag(self) -> float:
+        """What the stamps of the fixes are moved by before anything else is known: s."""
+        if self.arrival is not None:
+            return self.arrival.moved_lag
+        late = find_lag(self.blocks, *self.motion) if self.model.lag > 0.0 else UNKNOWN
+        return -late.seconds if abs(late.seconds) > max(_STALE_LAG, 3.0 * late.sigma) else 0.0
 
     def _place(self) -> None:
         """Place the epochs, at fixes stamped as now believed."""
@@ -225,7 +235,7 @@ class Smoother:
         self._assemble(state, noise, gravity, count)
         jacobian = inertial_jacobian(state, made.increments, gravity, self.earth_rate_n)
         add_inertial(self.normal, jacobian, made.white)
-        add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau)
+        add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau, begins=self.arrival is None)
         add_measured(
             self.normal,
             made.inside,
@@ -304,6 +314,9 @@ class Smoother:
             )
         for aid in self.aids:
             aid.add(normal, state, gravity)
+        if self.arrival is not None:
+            self.arrival.add(normal, state)
+            return
         add_value(normal, 0, GYRO_BIAS, state.gyro_bias[:, 0], model.gyro_bias)
         add_value(normal, 0, ACCEL_BIAS, state.accel_bias[:, 0], model.accel_bias)
         self._add_priors(state)
