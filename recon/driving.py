@@ -150,6 +150,7 @@ def drive_of(
     observed: Observed,
     start_ns: int,
     impacts: tuple[Impact, ...] = (),
+    fewest_fixes: int = 3,
 ) -> Drive:
     """A drive for the smoother. start_ns : time zero, that of the first row of imu.
 
@@ -168,9 +169,9 @@ def drive_of(
             "is its unit g, or has gravity been taken off?",
         )
     inside = (observed.fixes.t_s >= 0.0) & (observed.fixes.t_s <= samples.t_s[-1])
-    if inside.sum() < 3:
+    if inside.sum() < fewest_fixes:
         raise NotEnoughData(
-            "GNSS during the imu's record", needed="3 fixes", found=str(int(inside.sum())),
+            "GNSS during the imu's record", needed=f"{fewest_fixes} fixes", found=str(int(inside.sum())),
             hint="do the clocks of imu and gnss agree?",
         )  # fmt: skip
     known = np.isfinite(vector(wheel, "speed", gaps=True)) if has(wheel, "speed") and wheel is not None else None

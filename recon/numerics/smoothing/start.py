@@ -14,7 +14,7 @@ from recon.numerics.smoothing.earth import gravity_n
 from recon.numerics.smoothing.measurements import Fixes
 from recon.numerics.smoothing.model import Drive
 from recon.numerics.smoothing.preintegration import Increments
-from recon.numerics.smoothing.soa import Floats
+from recon.numerics.smoothing.soa import Floats, rotation_exp
 from recon.numerics.smoothing.state import COMMON_SIZE, State
 from recon.numerics.smoothing.stops import MOVING
 
@@ -25,6 +25,7 @@ _GAP_S: Final = 3.0
 """s without a fix, beyond which the velocity between is not known beforehand."""
 _DIFFERENCE_S: Final = 3.9
 """s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
+_VECTORS: Final = ("vel_n", "pos_n", "gyro_bias", "accel_bias", "drift_n")
 _NO_HEADING: Final = 0.2
 """rad; doubt of the first heading that noise alone exceeds, and no drive."""
 _MOVES_MUCH: Final = 0.2
@@ -72,6 +73,29 @@ def start_state(smoother: Smoother) -> State:
     pos_n = knot_positions(drive, knots, vel_n)
     smoother.mounting, smoother.first_rot_ns, smoother.origin_n = rot_vs, rot_ns[..., :1], pos_n[:, 0]
     return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
+
+
+def continued(smoother: Smoother, state: State) -> State:
+    """A state of the first knots, followed to the last one by what the IMU says.
+
+    state : of at least one knot
+    """
+    count, known = smoother.drive.samples.intervals + 1, state.knots
+    more = ((0, 0), (0, count - known))
+    state = replace(
+        state,
+        rot_ns=np.pad(state.rot_ns, ((0, 0), *more), mode="edge"),
+        **{name: np.pad(getattr(state, name), more, mode="edge") for name in _VECTORS},
+    )
+    made, omega = smoother.increments(state), smoother.earth_rate_n
+    for k in range(known - 1, count - 1):
+        length, rot, vel, pos = made.duration[k], state.rot_ns[..., k], state.vel_n[:, k], state.pos_n[:, k]
+        pull = gravity_n(pos[:, None], smoother.drive.anchor)[:, 0] - 2.0 * np.cross(omega, vel)
+        turn = rotation_exp(-(omega * length)[:, None])[..., 0]
+        state.rot_ns[..., k + 1] = turn @ rot @ made.rotation[..., k]
+        state.vel_n[:, k + 1] = vel + pull * length + rot @ made.velocity[:, k]
+        state.pos_n[:, k + 1] = pos + vel * length + 0.5 * pull * length**2 + rot @ made.position[:, k]
+    return state
 
 
 def _moves_much(smoother: Smoother) -> bool:

@@ -1,0 +1,223 @@
+"""fuser.map while the drive goes on: a window that follows the log, smoothed anew at every call.
+
+What leaves the window is kept as the prior of its first knot (recon.numerics.smoothing.arrival), so every call costs
+the same, however long the drive is. A row of the trajectory is given once, when `lag` has passed since: by then most of
+what GNSS will say about it is known. Until speed and course tell the heading, nothing is given.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import asdict, astuple, dataclass, fields
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pyarrow as pa
+
+from recon import DataError, Streams, select_rows, time_ns, with_meta
+from recon.driving import Observed, drive_of, measured, observe, solve
+from recon.numerics.geodesy import Anchor
+from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
+from recon.numerics.smoothing.arrival import Arrival
+from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances
+from recon.numerics.smoothing.start import continued
+from recon.numerics.smoothing.state import State
+from recon_fusers import _map_tables as tables
+from recon_fusers.map import _model, _noise, _trust
+
+if TYPE_CHECKING:
+    from recon_fusers.map import MapParams
+
+_FIRST_S: Final = 60.0
+"""s of the log from which the start is found."""
+_AGAIN_S: Final = 5.0
+"""s until it is tried again, where the start cannot be told yet."""
+_WHOLE_S: Final = 300.0
+"""s of the log that are smoothed as a whole before the window moves; of so many the noise is known well."""
+_GROWS: Final = 1.5
+"""Factor between the lengths of the log at which the noise is estimated again, until the window moves."""
+_BEHIND_S: Final = 90.0
+"""s of the window behind what is given next."""
+_MOVES_S: Final = 60.0
+"""s by which the window moves at once."""
+_HEADING: Final = np.radians(3.0)
+"""Largest sigma of a heading with which it begins."""
+_FIXES_KEPT: Final = 5
+"""Rows of GNSS that stay, however old: they tell which columns the receiver fills."""
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What is known of the window's first row: the state and its information, the noise, the origin of the axes."""
+
+    arrival: Arrival
+    noise: Noise
+    anchor: Anchor
+
+
+class LiveMap:
+    """Give it new rows by `advance`; it gives those of the trajectory that are final.
+
+    lag : s, how long a row waits; saved : what `saved` gave, to go on from there
+    """
+
+    def __init__(self, params: MapParams, lag: float, saved: bytes | None = None) -> None:
+        self.params, self.lag = params, lag
+        self.streams: dict[str, pa.Table] = {}
+        self.held: _Held | None = None
+        self.guess: tuple[np.ndarray, State] | None = None
+        self.given_ns = self.since_ns = np.iinfo(np.int64).min
+        self.try_at_ns = self.given_ns
+        self.learn_at_s = _FIRST_S
+        self.noise: Noise | None = None
+        if saved is not None:
+            self._restore(saved)
+
+    def advance(self, new: Mapping[str, pa.Table]) -> Streams:
+        """Take rows of imu, gnss and wheel that follow those given before.
+
+        returns : `trajectory`, rows that are final, and `latest`, one row, the newest that is known; {} before the
+            start is found
+        """
+        for name in ("imu", "gnss", "wheel"):
+            if name in new:
+                self._append(name, new[name])
+        if not {"imu", "gnss"} <= self.streams.keys():
+            return {}
+        try:
+            found, observed = self._begin() if self.held is None else self._go_on(self.held)
+        except DataError:
+            return {}
+        if found is None or observed is None:
+            return {}
+        imu = measured(self.streams["imu"])
+        motion = tables.trajectory(found, observed, imu, self.streams["gnss"], self.params.output_rate)
+        at = time_ns(motion)
+        final = (at > self.given_ns) & (at <= at[-1] - round(self.lag * 1e9))
+        if final.any():
+            self.given_ns = int(at[final][-1])
+        self._move_on(found, observed, imu)
+        return {"trajectory": select_rows(motion, final), "latest": motion.slice(motion.num_rows - 1)}
+
+    def _append(self, name: str, new: pa.Table) -> None:
+        """Rows that are later than those that are there."""
+        old = self.streams.get(name)
+        last = self.since_ns - 1 if old is None or not old.num_rows else int(time_ns(old)[-1])
+        fresh = select_rows(new, time_ns(new) > last)
+        self.streams[name] = fresh if old is None else pa.concat_tables([old, fresh.cast(old.schema)])
+
+    def _window(self, anchor: Anchor | None) -> tuple[Drive, Observed, int]:
+        imu = measured(self.streams["imu"])
+        start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
+        gnss = self.streams["gnss"] if anchor is None else _about(self.streams["gnss"], anchor)
+        observed = observe(gnss, start_ns, _trust(self.params), self.params.reported_sigmas)
+        fewest = 3 if anchor is None else 0
+        return drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest), observed, start_ns
+
+    def _begin(self) -> tuple[Estimate | None, Observed | None]:
+        """The whole window at once, as fuser.map does; None where it does not tell enough yet."""
+        at = time_ns(self.streams["imu"])
+        if len(at) < 2 or at[-1] - at[0] < _FIRST_S * 1e9 or at[-1] < self.try_at_ns:
+            return None, None
+        self._forget_before(int(at[-1]) - round(_WHOLE_S * 1e9))
+        length_s = float(at[-1] - at[0]) * 1e-9
+        learn = self.noise is None or length_s >= self.learn_at_s
+        drive, observed, _ = self._window(None)
+        noise = _noise(self.params, observed) if self.noise is None else self.noise
+        found = solve(drive, _model(self.params, None), noise, learn and self.params.estimate_noise)
+        if sigmas(found)[8, -1] > _HEADING:
+            self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
+            return None, None
+        if learn:
+            self.noise, self.learn_at_s = found.solved.noise, _GROWS * length_s
+        return found, observed
+
+    def _go_on(self, held: _Held) -> tuple[Estimate | None, Observed | None]:
+        drive, observed, start_ns = self._window(held.anchor)
+        smoother = Smoother(drive, _model(self.params, None), held.arrival)
+        knots_ns = start_ns + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
+        state = held.arrival.state
+        if self.guess is not None:
+            before_ns, state = self.guess
+            same = min(len(before_ns), len(knots_ns))
+            same = int((np.abs(before_ns[:same] - knots_ns[:same]) < 1000).cumprod().sum())
+            state = knots_of(state, slice(0, max(same, 1) - 1))
+        try:
+            solved = smoother.solve(continued(smoother, state), held.noise, "tls")
+        except np.linalg.LinAlgError:
+            self.held = self.guess = None
+            return None, None
+        self.guess = (knots_ns, solved.state)
+        return with_covariances(smoother, solved), observed
+
+    def _move_on(self, found: Estimate, observed: Observed, imu: pa.Table) -> None:
+        """Let the window begin later where it is long enough, and keep what its beginning told."""
+        samples = found.smoother.drive.samples
+        knots = samples.knot_times
+        if knots[-1] < (_WHOLE_S - _AGAIN_S if self.held is None else self.lag + _BEHIND_S + _MOVES_S):
+            return
+        logged = samples.row[:: samples.per_interval] >= 0
+        may = np.flatnonzero(logged & (knots <= knots[-1] - self.lag - _BEHIND_S))
+        if not len(may) or may[-1] < 2:
+            return
+        k = int(may[-1])
+        first = slice(0, k)
+        smoother = Smoother(part_of(found.smoother.drive, first), found.smoother.model, found.smoother.arrival)
+        smoother.mounting, smoother.moved_lag = found.smoother.mounting, found.solved.moved_lag
+        smoother.first_rot_ns, smoother.origin_n = found.smoother.first_rot_ns, found.smoother.origin_n
+        try:
+            part = with_covariances(
+                smoother, smoother.solve(knots_of(found.solved.state, first), found.solved.noise, "tls")
+            )
+        except np.linalg.LinAlgError:
+            return
+        last = knots_of(part.solved.state, slice(k, k))
+        arrival = Arrival.of(
+            last, part.covariance[-1], part.cross[-1], part.covariance_common, smoother.free, part.solved.moved_lag
+        )
+        self.held = _Held(arrival, found.solved.noise, observed.anchor)
+        start_ns = int(time_ns(imu)[0])
+        knots_ns = start_ns + np.rint(knots * 1e9).astype(np.int64)
+        self.guess = (knots_ns[k:], knots_of(found.solved.state, slice(k, len(knots) - 1)))
+        self._forget_before(int(time_ns(imu)[samples.row[k * samples.per_interval]]))
+
+    def _forget_before(self, since_ns: int) -> None:
+        self.since_ns = since_ns
+        for name, table in self.streams.items():
+            old = int(np.searchsorted(time_ns(table), since_ns))
+            kept = old if name == "imu" else min(old, max(table.num_rows - _FIXES_KEPT, 0))
+            self.streams[name] = table.slice(kept)
+
+    def saved(self) -> bytes:
+        """What `LiveMap` goes on from; b"" before the start is found. Rows from `since_ns` on are needed again."""
+        if self.held is None:
+            return b""
+        arrival, noise = self.held.arrival, self.held.noise
+        file = io.BytesIO()
+        np.savez(
+            file,
+            **{f"state_{name}": value for name, value in vars(arrival.state).items()},
+            **{f"noise_{name}": np.asarray(value) for name, value in vars(noise).items()},
+            information=arrival.information,
+            free=arrival.free,
+            moved_lag=arrival.moved_lag,
+            anchor=np.array(astuple(self.held.anchor)),
+            times_ns=np.array([self.since_ns, self.given_ns]),
+        )
+        return file.getvalue()
+
+    def _restore(self, saved: bytes) -> None:
+        with np.load(io.BytesIO(saved), allow_pickle=False) as file:
+            kept = {name: file[name] for name in file.files}
+        state = State(**{f.name: kept[f"state_{f.name}"] for f in fields(State)})
+        sizes = {f.name: kept[f"noise_{f.name}"] for f in fields(Noise)}
+        noise = Noise(**{name: value if value.ndim else float(value) for name, value in sizes.items()})
+        arrival = Arrival(state, kept["information"], kept["free"], float(kept["moved_lag"]))
+        self.held = _Held(arrival, noise, Anchor(*kept["anchor"].tolist()))
+        self.since_ns, self.given_ns = kept["times_ns"].tolist()
+
+
+def _about(gnss: pa.Table, anchor: Anchor) -> pa.Table:
+    """The rows of GNSS with the origin of the local frame."""
+    return with_meta(gnss, anchor=asdict(anchor), earth="wgs84")
