@@ -66,6 +66,7 @@ if TYPE_CHECKING:
         Filter,
         Fuser,
         Integrator,
+        Live,
         Reader,
         Simulator,
         Sniff,
@@ -100,7 +101,7 @@ _HOMES = {
     "rows": "Event Metric events metrics spans warning",
     "schema": "ANY ATTITUDE BARO EVENTS FRAMES GNSS GROUND IMU KNOTS MAG METRICS REFERENCE RESIDUALS SAME TRAJECTORY "
     "VISUAL WHEEL Change Column Need Schema",
-    "stages": "Aligner Analyzer Detector Executor Exporter Filter Fuser Integrator Reader Simulator Sniff",
+    "stages": "Aligner Analyzer Detector Executor Exporter Filter Fuser Integrator Live Reader Simulator Sniff",
     "tables": "Array Streams build has matrix meta replace seconds select_rows time_ns times vector with_meta",
     "trajectory": "Pose Poses Trajectory",
 }
@@ -139,6 +140,7 @@ __all__ = [
     "Filter",
     "Fuser",
     "Integrator",
+    "Live",
     "Metric",
     "Movement",
     "Movements",

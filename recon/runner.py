@@ -25,7 +25,7 @@ from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import metrics, warnings_of
 from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
-from recon.stages import Exporter, Reader, Simulator, Wanted
+from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
 
@@ -116,7 +116,7 @@ def _from_source(
         nothing = Recording({})
         parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
     else:
-        parts = [_read(step, path, registry, wanted) for path in source]
+        parts = [read_one(step, path, registry, wanted) for path in source]
     recording, learnt = combine(parts)
     if learnt:
         rows = _marked(metrics(learnt), "metrics", step.id)
@@ -126,7 +126,8 @@ def _from_source(
     return recording, dict(recording)
 
 
-def _read(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted) -> Recording:
+def read_one(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted = EVERYTHING) -> Recording:
+    """The streams of one file or folder, checked and stamped. Raises ReadFailed, DataError, StageError."""
     if not path.exists():
         raise ReadFailed(path, "there is no such file or folder")
     if not (path.is_file() or path.is_dir()):

@@ -20,7 +20,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeAlias
 
 from recon.parameters import NoParams, Params, setting
 from recon.schema import APPENDED, METRICS, Change, Need, Schema, unnumbered
@@ -28,6 +28,8 @@ from recon.schema import APPENDED, METRICS, Change, Need, Schema, unnumbered
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from recon.tables import Streams
 
 Schemas: TypeAlias = dict[str, Schema]
 PlanFunction: TypeAlias = Callable[[Mapping[str, Schema], Any], Schemas]
@@ -249,17 +251,45 @@ class Integrator(Stage):
     order: int = 0
 
 
+class Live(Protocol):
+    """A stage that follows a drive while it goes on.
+
+    since_ns : rows from this time on, ns since 1970, are needed again by one that goes on from what was saved
+    """
+
+    since_ns: int
+
+    def advance(self, new: Streams) -> Streams:
+        """Take rows that follow those given before, by stream.
+
+        returns : `trajectory`, the rows that are final and follow those returned before, and `latest`, the newest row
+            that is known, which may still change; {} while nothing can be told yet
+        """
+        ...
+
+    def finish(self) -> Streams:
+        """The rest of `trajectory`, where no more rows will come."""
+        ...
+
+    def saved(self) -> bytes:
+        """All that another one needs to go on from here; b"" while there is nothing."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fuser(Stage):
     """Combines several sensors to one trajectory.
 
     budget : m, root mean square of the horizontal error that it stays below on the drives of `recon.testing`, whose
         GNSS positions err by 1 m on each axis; None where none is claimed
+    live : makes one that follows a drive while it goes on, from (params, lag, saved): lag in s, how long a row waits
+        before it is final; saved, what an earlier one saved, or None. None where the stage needs the whole drive
     """
 
     role: ClassVar[str] = "fuser"
 
     budget: float | None = None
+    live: Callable[[Any, float, bytes | None], Live] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass, fields
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -24,7 +24,7 @@ from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariance
 from recon.numerics.smoothing.start import continued
 from recon.numerics.smoothing.state import State
 from recon_fusers import _map_tables as tables
-from recon_fusers.map import _model, _noise, _trust
+from recon_fusers.map import model_of, noise_of, trust_of
 
 if TYPE_CHECKING:
     from recon_fusers.map import MapParams
@@ -67,7 +67,7 @@ class LiveMap:
         self.streams: dict[str, pa.Table] = {}
         self.held: _Held | None = None
         self.guess: tuple[np.ndarray, State] | None = None
-        self.given_ns = self.since_ns = np.iinfo(np.int64).min
+        self.given_ns = self.since_ns = int(np.iinfo(np.int64).min)
         self.try_at_ns = self.given_ns
         self.learn_at_s = _FIRST_S
         self.noise: Noise | None = None
@@ -83,6 +83,16 @@ class LiveMap:
         for name in ("imu", "gnss", "wheel"):
             if name in new:
                 self._append(name, new[name])
+        return self._told(self.lag)
+
+    def finish(self) -> Streams:
+        """The rest of `trajectory`, where no more rows will come."""
+        told = dict(self._told(0.0))
+        told.pop("latest", None)
+        return told
+
+    def _told(self, lag: float) -> Streams:
+        """What is known `lag` s before the last row, and of the last row."""
         if not {"imu", "gnss"} <= self.streams.keys():
             return {}
         try:
@@ -94,7 +104,7 @@ class LiveMap:
         imu = measured(self.streams["imu"])
         motion = tables.trajectory(found, observed, imu, self.streams["gnss"], self.params.output_rate)
         at = time_ns(motion)
-        final = (at > self.given_ns) & (at <= at[-1] - round(self.lag * 1e9))
+        final = (at > self.given_ns) & (at <= at[-1] - round(lag * 1e9))
         if final.any():
             self.given_ns = int(at[final][-1])
         self._move_on(found, observed, imu)
@@ -111,9 +121,9 @@ class LiveMap:
         imu = measured(self.streams["imu"])
         start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
         gnss = self.streams["gnss"] if anchor is None else _about(self.streams["gnss"], anchor)
-        observed = observe(gnss, start_ns, _trust(self.params), self.params.reported_sigmas)
+        observed = observe(gnss, start_ns, trust_of(self.params), self.params.reported_sigmas)
         fewest = 3 if anchor is None else 0
-        return drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest), observed, start_ns
+        return drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest_fixes=fewest), observed, start_ns
 
     def _begin(self) -> tuple[Estimate | None, Observed | None]:
         """The whole window at once, as fuser.map does; None where it does not tell enough yet."""
@@ -124,8 +134,8 @@ class LiveMap:
         length_s = float(at[-1] - at[0]) * 1e-9
         learn = self.noise is None or length_s >= self.learn_at_s
         drive, observed, _ = self._window(None)
-        noise = _noise(self.params, observed) if self.noise is None else self.noise
-        found = solve(drive, _model(self.params, None), noise, learn and self.params.estimate_noise)
+        noise = noise_of(self.params, observed) if self.noise is None else self.noise
+        found = solve(drive, model_of(self.params, None), noise, learn and self.params.estimate_noise)
         if sigmas(found)[8, -1] > _HEADING:
             self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
             return None, None
@@ -135,7 +145,7 @@ class LiveMap:
 
     def _go_on(self, held: _Held) -> tuple[Estimate | None, Observed | None]:
         drive, observed, start_ns = self._window(held.anchor)
-        smoother = Smoother(drive, _model(self.params, None), held.arrival)
+        smoother = Smoother(drive, model_of(self.params, None), held.arrival)
         knots_ns = start_ns + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
         state = held.arrival.state
         if self.guess is not None:
@@ -195,24 +205,25 @@ class LiveMap:
             return b""
         arrival, noise = self.held.arrival, self.held.noise
         file = io.BytesIO()
-        np.savez(
-            file,
+        kept: dict[str, Any] = {
             **{f"state_{name}": value for name, value in vars(arrival.state).items()},
             **{f"noise_{name}": np.asarray(value) for name, value in vars(noise).items()},
-            information=arrival.information,
-            free=arrival.free,
-            moved_lag=arrival.moved_lag,
-            anchor=np.array(astuple(self.held.anchor)),
-            times_ns=np.array([self.since_ns, self.given_ns]),
-        )
+            "information": arrival.information,
+            "free": arrival.free,
+            "moved_lag": arrival.moved_lag,
+            "anchor": np.array(astuple(self.held.anchor)),
+            "times_ns": np.array([self.since_ns, self.given_ns]),
+        }
+        np.savez(file, **kept)
         return file.getvalue()
 
     def _restore(self, saved: bytes) -> None:
         with np.load(io.BytesIO(saved), allow_pickle=False) as file:
             kept = {name: file[name] for name in file.files}
         state = State(**{f.name: kept[f"state_{f.name}"] for f in fields(State)})
-        sizes = {f.name: kept[f"noise_{f.name}"] for f in fields(Noise)}
-        noise = Noise(**{name: value if value.ndim else float(value) for name, value in sizes.items()})
+        saved_sizes = {f.name: kept[f"noise_{f.name}"] for f in fields(Noise)}
+        sizes: dict[str, Any] = {name: size if size.ndim else float(size) for name, size in saved_sizes.items()}
+        noise = Noise(**sizes)
         arrival = Arrival(state, kept["information"], kept["free"], float(kept["moved_lag"]))
         self.held = _Held(arrival, noise, Anchor(*kept["anchor"].tolist()))
         self.since_ns, self.given_ns = kept["times_ns"].tolist()

@@ -43,6 +43,7 @@ from recon import (
     WHEEL,
     Array,
     Fuser,
+    Live,
     Params,
     Streams,
     hookimpl,
@@ -58,7 +59,7 @@ from recon.numerics.rotation import from_euler
 from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
-    from recon.driving import Observed
+    from recon.driving import Observed, Trust
     from recon.numerics.smoothing import Model, Noise
 
 
@@ -145,13 +146,13 @@ def fuse_map(
 
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
-    observed = observe(gnss, start_ns, _trust(params), params.reported_sigmas)
+    observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
     impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust)
     drive = replace(drive, aids=aids)
-    found = solve(drive, _model(params, attitude), _noise(params, observed), params.estimate_noise)
+    found = solve(drive, model_of(params, attitude), noise_of(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
     learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
     return {
@@ -163,7 +164,8 @@ def fuse_map(
     }
 
 
-def _trust(params: MapParams):  # type: ignore[no-untyped-def]
+def trust_of(params: MapParams) -> Trust:
+    """What is believed of GNSS where it reports no sigma."""
     from recon.driving import Trust
 
     across, up = params.gnss_horizontal, params.gnss_vertical
@@ -180,7 +182,8 @@ def _value(params: MapParams, name: str) -> float:
     return typical(params.sensor_class, name) if given is None else given
 
 
-def _model(params: MapParams, attitude: pa.Table | None) -> Model:
+def model_of(params: MapParams, attitude: pa.Table | None) -> Model:
+    """How the vehicle moves, and what is known beforehand."""
     from recon.numerics.smoothing import Model
 
     value = {name: _value(params, name) for name in NAMES}
@@ -214,7 +217,8 @@ def _matrix(q: Array) -> Array:
     return np.asarray(quat_to_matrix(np.asarray(q)[:, None])[..., 0])
 
 
-def _noise(params: MapParams, observed: Observed) -> Noise:
+def noise_of(params: MapParams, observed: Observed) -> Noise:
+    """The sizes of random errors to start from."""
     from recon.numerics.smoothing import Noise
 
     return Noise(
@@ -227,6 +231,13 @@ def _noise(params: MapParams, observed: Observed) -> Noise:
         position=np.ones(3),
         velocity=np.ones(3),
     )
+
+
+def live(params: MapParams, lag: float, saved: bytes | None) -> Live:
+    """As `fuse_map`, for a drive that goes on."""
+    from recon_fusers._map_live import LiveMap  # slow import: only when used
+
+    return LiveMap(params, lag, saved)
 
 
 @hookimpl
@@ -253,5 +264,6 @@ def declare_fusers() -> Iterable[Fuser]:
         },
         writes={"trajectory": TRAJECTORY, "knots": KNOTS, "residuals": RESIDUALS, "events": EVENTS},
         run=fuse_map,
+        live=live,
         references=("Forster et al. 2017", "Yang et al. 2020", "Dissanayake et al. 2001", "Groves 2013"),
     )

@@ -23,6 +23,7 @@ from recon.cli.explain import explain
 from recon.cli.export import export
 from recon.cli.fleet import fleet
 from recon.cli.inspect import inspect
+from recon.cli.live import live
 from recon.cli.measure import measure
 from recon.cli.new_plugin import new_plugin
 from recon.cli.outages import outages
@@ -39,7 +40,7 @@ UNWRAPPED: Final = 1000
 """Characters in a line of help off a terminal."""
 
 _VERBS: Final = (
-    *(run, batch, fleet, validate, inspect, doctor, evaluate, compare, measure, outages, allan),
+    *(run, live, batch, fleet, validate, inspect, doctor, evaluate, compare, measure, outages, allan),
     *(explain, seal, verify),
     *(plugins, export, view, convert, demo, schema, new_plugin, blender_extension),
 )

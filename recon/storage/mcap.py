@@ -60,29 +60,57 @@ def is_own(head: bytes) -> bool:
 
 def write_file(recording: Recording, path: Path) -> None:
     """Write all streams. Equal recordings give equal bytes, however their tables are cut into chunks."""
-    from mcap.writer import Writer
-
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=0, enable_data_crcs=True)
-        writer.start(profile=PROFILE, library=f"recon {__version__}")
-        meta = to_json(dict(recording.meta), sort_keys=True)
-        rows = to_json({name: table.num_rows for name, table in recording.items()})
-        writer.add_metadata(RECORDING, {"meta": meta, "rows": rows})
+    rows = to_json({name: table.num_rows for name, table in recording.items()})
+    file = Appending(path, {"meta": to_json(dict(recording.meta), sort_keys=True), "rows": rows})
+    try:
         for name, table in recording.items():
-            _write_stream(writer, name, _canonical(table))
-        writer.finish()  # type: ignore[no-untyped-call]
+            file.append(name, table)
+        file.finish()
+    finally:
+        file.close()
 
 
-def _write_stream(writer: Any, name: str, table: pa.Table) -> None:
-    schema = writer.register_schema(name, SCHEMA_ENCODING, table.schema.serialize().to_pybytes())
-    channel = writer.register_channel(name, MESSAGE_ENCODING, schema)
-    for number, start in enumerate(range(0, max(table.num_rows, 1), BATCH_ROWS)):
-        rows = table.slice(start, BATCH_ROWS)
-        log_time = _log_time(rows)
-        sink = pa.BufferOutputStream()
-        with pa.ipc.new_stream(sink, table.schema) as stream:
-            stream.write_table(rows)
-        writer.add_message(channel, log_time, sink.getvalue().to_pybytes(), publish_time=log_time, sequence=number)
+class Appending:
+    """A file that grows. What was appended is with the operating system, and whole, even if `finish` is never reached.
+
+    about : the metadata record; by default that of a recording whose rows are not known yet
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, str] | None = None) -> None:
+        from mcap.writer import Writer
+
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, chunk_size=0, enable_data_crcs=True)
+        self._writer.start(profile=PROFILE, library=f"recon {__version__}")
+        self._writer.add_metadata(RECORDING, dict(about or {"meta": "{}"}))
+        self._channels: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
+
+    def append(self, name: str, table: pa.Table) -> None:
+        """Rows of a stream, behind those that are there, with the same columns."""
+        table = _canonical(table)
+        if name not in self._channels:
+            schema = self._writer.register_schema(name, SCHEMA_ENCODING, table.schema.serialize().to_pybytes())
+            self._channels[name] = self._writer.register_channel(name, MESSAGE_ENCODING, schema)
+        for start in range(0, max(table.num_rows, 1), BATCH_ROWS):
+            rows = table.slice(start, BATCH_ROWS)
+            log_time, number = _log_time(rows), self._counts.get(name, 0)
+            sink = pa.BufferOutputStream()
+            with pa.ipc.new_stream(sink, table.schema) as stream:
+                stream.write_table(rows)
+            self._writer.add_message(
+                self._channels[name], log_time, sink.getvalue().to_pybytes(), publish_time=log_time, sequence=number
+            )
+            self._counts[name] = number + 1
+        self._file.flush()
+
+    def finish(self) -> None:
+        """Write the summary at the end."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Close the file, finished or not."""
+        self._file.close()
 
 
 def _log_time(rows: pa.Table) -> int:

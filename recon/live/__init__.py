@@ -1,0 +1,1 @@
+"""A pipeline over a log that is still being written: sources, the session, the file that grows."""

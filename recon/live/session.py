@@ -1,0 +1,194 @@
+"""`recon live`: a pipeline of a reader and a fuser that can follow, over a log that is still being written.
+
+Bytes come from the source; whole lines of them, with the log's header before, are read by the reader of the pipeline as
+a small log of their own; the fuser takes the rows, and gives those of the trajectory that are final. What comes at once
+because the log is older than the session is taken in steps of ten seconds of the log.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from recon.check import check
+from recon.errors import ConfigError
+from recon.live.output import GrowingResult
+from recon.live.pieces import Pieces
+from recon.live.sources import ByteSource, GrowingFile, open_source
+from recon.overrides import Override
+from recon.pipeline import Pipeline
+from recon.plan import PlannedStep
+from recon.problems import Problem
+from recon.registry import Registry
+from recon.runner import read_one
+from recon.stages import Fuser, Live, Reader
+from recon.storage.atomic import staged_file
+from recon.tables import Streams, select_rows, time_ns
+
+_STEP_NS: Final = 10_000_000_000
+_HEAD: Final = 1 << 16
+"""Bytes that hold the header of a log."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """The steps of a pipeline that a live run takes. left_out : ids of the others."""
+
+    reader: PlannedStep
+    fuser: PlannedStep
+    left_out: tuple[str, ...]
+
+
+def following(pipeline: Pipeline, registry: Registry, overrides: Iterable[Override] = ()) -> Following:
+    """The reader and the first fuser that can follow. Raises ConfigError where the pipeline does not begin so."""
+    plan, problems = check(pipeline, registry, overrides)
+    if problems:
+        raise ConfigError(problems)
+    reader, *others = plan.steps
+    able = [step for step in others if isinstance(step.stage, Fuser) and step.stage.live is not None]
+    if not isinstance(reader.stage, Reader) or not able or others[0] is not able[0]:
+        text = f"recon live cannot follow '{pipeline.name}': it takes a reader and then a fuser that can, as fuser.map"
+        raise ConfigError([Problem(reader.step.where, "not-live", text, "try recon live best_accuracy")])
+    return Following(reader, able[0], tuple(step.id for step in others[1:]))
+
+
+class Session:
+    """A live run. Call `step` once in a while; `close` when it is over.
+
+    out : MCAP file of the result; one that is there is gone on with, as is what lies beside it as `.state`
+    lag : s, how long a row waits before it is final
+    """
+
+    def __init__(self, steps: Following, source: str, out: Path, lag: float, registry: Registry) -> None:
+        self.steps, self.registry = steps, registry
+        self.result = GrowingResult(out)
+        self._state = out.with_suffix(".state")
+        kept = _Kept.read(self._state, source)
+        self.source: ByteSource = open_source(source, kept.offset if kept else 0)
+        self._pieces, self._file = Pieces(), Path(source) if isinstance(self.source, GrowingFile) else None
+        if kept is not None and self._file is not None:
+            with self._file.open("rb") as file:
+                self._pieces = Pieces.going_on(file.read(_HEAD), kept.offset)
+        self.resumed = kept is not None and self._file is not None
+        self.live: Live = _live(steps, lag, kept.saved if kept is not None and self.resumed else None)
+        self._begins: list[tuple[int, int]] = []
+        self._came, self._kept_ns = True, 0
+        self._scratch = tempfile.TemporaryDirectory(prefix="recon-live-")
+
+    @property
+    def ended(self) -> bool:
+        """Will no more come?"""
+        return self.source.ended
+
+    @property
+    def waiting(self) -> bool:
+        """Has something come in the last step?"""
+        return self._came
+
+    def step(self, last: bool = False) -> Streams:
+        """Take what has come; returns `latest`, a row, and `trajectory`, the rows that became final, if there are any.
+
+        last : no more will come: take also a line without an end, and all rows are final
+
+        Raises DataError, StageError, StorageError, ReadFailed.
+        """
+        told: Streams = {}
+        self._came = False
+        while data := self.source.take():
+            self._came = True
+            told = self._take(self._pieces.cut(data)) or told
+        if last:
+            told = {**told, **self._take(self._pieces.last())}
+            rest = self.live.finish()
+            self.result.append(rest)
+            told = {**told, **rest}
+        return told
+
+    def close(self) -> None:
+        """Make the result whole."""
+        self.source.close()
+        self.result.close()
+        self._scratch.cleanup()
+
+    def _take(self, piece: bytes) -> Streams:
+        if not piece:
+            return {}
+        begins = self._pieces.begins
+        path = Path(self._scratch.name, "piece.txt")
+        path.write_bytes(piece)
+        read = read_one(self.steps.reader, path, self.registry)
+        streams = {name: table for name, table in read.items() if name in self.steps.fuser.stage.reads}
+        if "imu" in streams and streams["imu"].num_rows:
+            self._begins.append((int(time_ns(streams["imu"])[0]), begins))
+        told: Streams = {}
+        final = []
+        for part in _in_steps(streams):
+            told = dict(self.live.advance(part)) or told
+            if "trajectory" in told:
+                final.append(told.pop("trajectory"))
+        rows = {"trajectory": pa.concat_tables(final)} if final else {}
+        self.result.append({**streams, **rows})
+        self._keep()
+        return {**told, **rows}
+
+    def _keep(self) -> None:
+        """What a later session goes on from, whenever that has changed."""
+        since_ns = self.live.since_ns
+        usable = [offset for at_ns, offset in self._begins if at_ns <= since_ns]
+        if self._file is None or not usable or since_ns == self._kept_ns:
+            return
+        if saved := self.live.saved():
+            self._begins, self._kept_ns = self._begins[len(usable) - 1 :], since_ns
+            _Kept(str(self._file), usable[-1], saved).write(self._state)
+
+
+def _live(steps: Following, lag: float, saved: bytes | None) -> Live:
+    stage = steps.fuser.stage
+    assert isinstance(stage, Fuser)
+    assert stage.live is not None
+    return stage.live(steps.fuser.params, lag, saved)
+
+
+def _in_steps(streams: Streams) -> Iterator[Streams]:
+    """The rows in parts of at most ten seconds."""
+    filled = [time_ns(table) for table in streams.values() if table.num_rows]
+    if not filled:
+        return
+    first, last = min(int(at[0]) for at in filled), max(int(at[-1]) for at in filled)
+    for start in range(first, last + 1, _STEP_NS):
+        stop = start + _STEP_NS
+        yield {
+            name: select_rows(table, (time_ns(table) >= start) & (time_ns(table) < stop))
+            for name, table in streams.items()
+        }
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """source : its name; offset : byte from which it is needed again; saved : of the fuser."""
+
+    source: str
+    offset: int
+    saved: bytes
+
+    def write(self, path: Path) -> None:
+        """Replace the file as a whole."""
+        head = json.dumps({"source": self.source, "offset": self.offset}).encode()
+        with staged_file(path) as scratch:
+            scratch.write_bytes(head + b"\n" + self.saved)
+
+    @classmethod
+    def read(cls, path: Path, source: str) -> _Kept | None:
+        """None where there is none, or that of another source."""
+        try:
+            head, _, saved = path.read_bytes().partition(b"\n")
+            facts = json.loads(head)
+            return cls(source, int(facts["offset"]), saved) if facts["source"] == source else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None

@@ -1,0 +1,70 @@
+"""What a live run shows in the Rerun viewer: the way so far in 3D and on the map, speed, heading and their doubt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from recon.errors import PluginError
+from recon.numerics.rotation import heading_from_yaw, to_euler
+from recon.tables import Streams, matrix, time_ns, vector
+
+_PLOTS: Final = {"speed": "speed, m/s", "heading": "heading, deg", "sigma": "sigma of the position, m"}
+
+
+class LiveView:
+    """A recording of Rerun. file : where it is kept; None for a viewer that is started.
+
+    raises : PluginError where rerun-sdk is not installed
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        try:
+            import rerun as rr
+            import rerun.blueprint as rrb
+        except ImportError as error:
+            raise PluginError("a live view needs rerun-sdk", "pip install recon-dynamics[rerun]") from error
+        self._rr = rr
+        self._stream = rr.RecordingStream("recon live")
+        if file is None:
+            self._stream.spawn()
+        else:
+            self._stream.save(file)
+        plots = [rrb.TimeSeriesView(origin=f"plots/{name}", name=title) for name, title in _PLOTS.items()]
+        views = rrb.Vertical(rrb.Spatial3DView(origin="world", name="way"), rrb.MapView(origin="map", name="map"))
+        self._stream.send_blueprint(rrb.Blueprint(rrb.Horizontal(views, rrb.Vertical(*plots)), collapse_panels=True))
+
+    def show(self, told: Streams) -> None:
+        """Draw what a step of a session told."""
+        rr, stream = self._rr, self._stream
+        if "trajectory" in told and told["trajectory"].num_rows:
+            way = told["trajectory"]
+            stream.set_time("time", timestamp=np.datetime64(int(time_ns(way)[-1]), "ns"))
+            thinned = way.take(np.unique(np.linspace(0, way.num_rows - 1, 20).astype(int)))
+            name = str(int(time_ns(way)[0]))
+            stream.log(f"world/way/{name}", rr.LineStrips3D([matrix(thinned, "pos")]))
+            place = np.column_stack((vector(thinned, "lat", gaps=True), vector(thinned, "lon", gaps=True)))
+            if np.isfinite(place).all():
+                stream.log(f"map/way/{name}", rr.GeoLineStrings(lat_lon=[place]))
+        if "latest" in told:
+            self._now(told)
+
+    def _now(self, told: Streams) -> None:
+        rr, stream, row = self._rr, self._stream, told["latest"]
+        stream.set_time("time", timestamp=np.datetime64(int(time_ns(row)[0]), "ns"))
+        pos, q = matrix(row, "pos")[0], matrix(row, "q")[0]
+        stream.log("world/vehicle", rr.Transform3D(translation=pos, quaternion=rr.Quaternion(xyzw=[*q[1:], q[0]])))
+        stream.log("world/vehicle/box", rr.Boxes3D(half_sizes=[[2.2, 0.9, 0.7]], colors=0x0072B2FF))
+        stream.log("plots/speed", rr.Scalars(float(np.linalg.norm(matrix(row, "vel")[0]))))
+        stream.log("plots/heading", rr.Scalars(float(np.degrees(heading_from_yaw(to_euler(q)[0])))))
+        stream.log("plots/sigma", rr.Scalars(float(np.hypot(*matrix(row, "pos_std")[0, :2]))))
+        place = [float(vector(row, name, gaps=True)[0]) for name in ("lat", "lon")]
+        if np.isfinite(place).all():
+            stream.log("map/vehicle", rr.GeoPoints(lat_lon=[place], radii=rr.Radius.ui_points(8.0)))
+
+    def close(self) -> None:
+        """Have everything written."""
+        self._stream.flush()
+        self._stream.disconnect()

@@ -1,0 +1,136 @@
+"""recon live over a log that grows, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import recon
+from recon.tables import matrix, seconds, time_ns, vector
+
+EPOCH_2000 = 946_681_200
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """Six minutes of a physycom log at 20 Hz, a line each, the header first."""
+    made = recon.run(
+        "simulated_drive",
+        **{"simulator.drive.duration": "360 s", "simulator.drive.imu_rate": "20 Hz", "simulator.drive.seed": 3},
+    ).recording
+    imu, gnss = made["imu"], made["gnss"]
+    accel, gyro = matrix(imu, "accel") / 9.80665, np.degrees(matrix(imu, "gyro"))
+    t_ns = time_ns(imu)
+    last = np.clip(np.searchsorted(time_ns(gnss), t_ns, side="right") - 1, 0, None)
+    place = [vector(gnss, name)[last] for name in ("lat", "lon", "height")]
+    course = np.nan_to_num(np.degrees(vector(gnss, "course", gaps=True)))[last] % 360.0
+    rows = np.column_stack([
+        *place, course, 3.6 * vector(gnss, "speed")[last], accel, gyro, np.linalg.norm(accel, axis=1), seconds(imu)
+    ])  # fmt: skip
+    names = [
+        "timestamp",
+        "lat",
+        "lon",
+        "alt",
+        "heading",
+        "speed",
+        "ax",
+        "ay",
+        "az",
+        "gx",
+        "gy",
+        "gz",
+        "|a|",
+        "time_rel",
+    ]
+    stamps = [f"{ns // 10**9 - EPOCH_2000}.{ns % 10**9 // 10**5:04d}" for ns in t_ns.tolist()]
+    text = [
+        "\t".join([stamp, *(f"{value:.8g}" for value in row)]) for stamp, row in zip(stamps, rows.tolist(), strict=True)
+    ]
+    return ["# " + "\t".join(names), *text]
+
+
+def command(source, out, *more):
+    return [
+        sys.executable,
+        "-m",
+        "recon",
+        "live",
+        "best_accuracy",
+        str(source),
+        "--out",
+        str(out),
+        "--every",
+        "50 ms",
+        *more,
+    ]
+
+
+def test_a_log_on_standard_input_becomes_a_whole_trajectory(lines, tmp_path):
+    out = tmp_path / "drive.mcap"
+    text = "\n".join(lines) + "\n"
+    done = subprocess.run(command("-", out, "--json"), input=text, capture_output=True, text=True, check=True)
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert told
+    assert told[-1].keys() >= {"time", "lat", "lon", "speed_m_s", "heading_deg", "position_sigma_m"}
+    found = recon.read(out)
+    assert found["imu"].num_rows == len(lines) - 1
+    assert time_ns(found["trajectory"]).tolist() == time_ns(found["imu"]).tolist()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.mcap"]
+
+
+def test_a_run_that_is_killed_loses_nothing_that_was_written_and_goes_on(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    part = tmp_path / "drive.part.mcap"
+    half = 6_500  # 325 s: the window has moved once, so there is something to go on from
+    with log.open("w") as file:
+        file.write("\n".join(lines[:half]) + "\n")
+    running = subprocess.Popen(command(log, out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 60.0
+    while not (tmp_path / "drive.state").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    running.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+    running.wait()
+    before = recon.read(part)
+    with log.open("a") as file:
+        file.write("\n".join(lines[half:]) + "\n")
+    again = subprocess.run(command(log, out, "--until-end"), capture_output=True, text=True, check=True)
+    assert "going on with" in again.stdout
+    found = recon.read(out)
+    assert not part.exists()
+    assert time_ns(found["imu"]).tolist() == time_ns(found["trajectory"]).tolist()
+    assert found["imu"].num_rows == len(lines) - 1
+    kept = before["trajectory"]
+    assert kept.num_rows > 1000
+    assert found["trajectory"].slice(0, kept.num_rows).equals(kept)
+
+
+def test_a_pipeline_that_needs_the_whole_drive_is_refused(tmp_path):
+    log = tmp_path / "log.txt"
+    log.write_text("1 2 3\n")
+    told = subprocess.run(
+        [sys.executable, "-m", "recon", "live", "thesis", str(log), "--out", str(tmp_path / "x.mcap")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert told.returncode == 2
+    assert "cannot follow 'thesis'" in told.stderr
+    assert "Traceback" not in told.stderr
+
+
+def test_a_live_view_is_a_recording_that_rerun_verifies(lines, tmp_path):
+    rerun = pytest.importorskip("rerun_cli", reason="rerun-sdk is not installed")
+    assert rerun
+    log, rrd = tmp_path / "log.txt", tmp_path / "live.rrd"
+    log.write_text("\n".join(lines[:3000]) + "\n")
+    subprocess.run(command(log, tmp_path / "x.mcap", "--until-end", "--rrd", str(rrd)), check=True, capture_output=True)
+    verified = subprocess.run(
+        [sys.executable, "-m", "rerun_cli", "rrd", "verify", str(rrd)], capture_output=True, check=False
+    )
+    assert verified.returncode == 0, verified.stderr

@@ -1,0 +1,48 @@
+"""A log that comes in bits is cut into small logs of whole lines."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recon.live.pieces import Pieces
+
+LOG = b"# time ax ay\n# m/s^2\n1.0\t2\t3\n1.1\t2\t3\n1.2\t2\t3\n"
+HEADER = b"# time ax ay\n# m/s^2\n"
+
+
+@given(st.lists(st.integers(0, len(LOG)), max_size=8))
+def test_every_row_comes_once_behind_the_header_however_the_bytes_come(cuts):
+    edges = sorted({0, *cuts, len(LOG)})
+    pieces = Pieces()
+    made = [pieces.cut(LOG[a:b]) for a, b in pairwise(edges)]
+    rows = b""
+    for piece in filter(None, made):
+        assert piece.startswith(HEADER)
+        rows += piece.removeprefix(HEADER)
+    assert rows == LOG.removeprefix(HEADER)
+
+
+def test_a_log_without_a_header_has_none():
+    pieces = Pieces()
+    assert pieces.cut(b"1.0 2 3\n1.1 2") == b"1.0 2 3\n"
+    assert pieces.cut(b" 3\n") == b"1.1 2 3\n"
+
+
+def test_a_line_without_an_end_is_the_last_piece():
+    pieces = Pieces()
+    assert pieces.cut(b"a,b\n1,2\n3,4") == b"a,b\n1,2\n"
+    assert pieces.last() == b"a,b\n3,4\n"
+    assert pieces.last() == b""
+
+
+def test_it_tells_where_in_the_log_the_rows_of_a_piece_begin_and_goes_on_there():
+    pieces = Pieces()
+    pieces.cut(LOG[:30])
+    pieces.cut(LOG[30:])
+    assert LOG[pieces.begins :].startswith(b"1.1")
+    again = Pieces.going_on(LOG, pieces.begins)
+    assert again.cut(LOG[pieces.begins :]) == HEADER + LOG[pieces.begins :]
+    assert again.begins == pieces.begins
