@@ -1,11 +1,13 @@
 """Finished runs side by side: what made them, what they found, and how far their trajectories are apart.
 
 found = compare([recon.open("a"), recon.open("b")])
-found.settings, found.results, found.distances[0].position["horizontal"].rmse
+found.settings, found.results, found.distances[0].found.position["horizontal"].rmse
+found.errors[1].found.position["horizontal"].rmse
 
 Settings and results are rows with a value for each run; a row of which all values are the same is left out of
 `settings`, as are parameters of steps that not all runs have. Metrics count by step and name, the second of a name with
-its number. Trajectories are held against that of the first run, by the figures of `recon.evaluation`.
+its number. Trajectories are held against that of the first run, by the figures of `recon.evaluation`, and against a
+reference, where one is given or a run holds one.
 """
 
 from __future__ import annotations
@@ -51,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far the trajectory of `run` is from that of the first run: figures, or why there are none."""
+    """How far the trajectory of `run` is from that of the first run, or from the reference: figures, or why not."""
 
     run: str
     found: Evaluation | None
@@ -64,30 +66,38 @@ class Comparison:
 
     runs : their names; settings : what differs in how they were made; results : what they found, differing or not
     distances : of the trajectories of all runs but the first
+    errors : of the trajectories of all runs, against one reference; empty where there is none
     """
 
     runs: tuple[str, ...]
     settings: tuple[Row, ...]
     results: tuple[Row, ...]
     distances: tuple[Distance, ...]
+    errors: tuple[Distance, ...]
 
     def as_data(self) -> dict[str, Any]:
         """As JSON holds it."""
         return asdict(self)
 
 
-def compare(runs: Sequence[Run]) -> Comparison:
-    """Two or more runs side by side. Raises DataError for fewer."""
+def compare(runs: Sequence[Run], reference: pa.Table | None = None) -> Comparison:
+    """Two or more runs side by side. Raises DataError for fewer.
+
+    reference : what the trajectories err against; by default the stream `reference` of the first run that holds one
+    """
     if len(runs) < 2:
         raise DataError("a comparison needs two runs", "name another one")
     common = set.intersection(*({step["id"] for step in run.manifest["plan"]} for run in runs))
+    held = (run.recording["reference"] for run in runs if "reference" in run.recording)
+    truth = next(held, None) if reference is None else reference
     settings = [dict(_settings(run.manifest, common)) for run in runs]
     results = [dict(_results(run)) for run in runs]
     return Comparison(
         names_of(runs),
         tuple(row for row in _rows(settings) if row.differs),
         tuple(_rows(results)),
-        tuple(_distances(runs)),
+        tuple(_distances(runs[1:], names_of(runs)[1:], runs[0].recording.get("trajectory"))),
+        tuple(_distances(runs, names_of(runs), truth)) if truth is not None else (),
     )
 
 
@@ -159,14 +169,13 @@ def _rows(found: Sequence[Mapping[str, tuple[str, Any]]]) -> Iterator[Row]:
         yield Row(name, units[0], tuple(one[name][1] if name in one else None for one in found))
 
 
-def _distances(runs: Sequence[Run]) -> Iterable[Distance]:
-    first = runs[0].recording.get("trajectory")
-    for name, run in zip(names_of(runs)[1:], runs[1:], strict=True):
+def _distances(runs: Sequence[Run], names: Sequence[str], reference: pa.Table | None) -> Iterable[Distance]:
+    for name, run in zip(names, runs, strict=True):
         table = run.recording.get("trajectory")
-        if first is None or table is None:
+        if reference is None or table is None:
             yield Distance(name, None, "no trajectory")
             continue
         try:
-            yield Distance(name, evaluate(table, first))
+            yield Distance(name, evaluate(table, reference))
         except DataError as error:
             yield Distance(name, None, error.message)

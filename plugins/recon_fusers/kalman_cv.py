@@ -5,9 +5,9 @@ On East, North and Up each, with the state (position, velocity), the acceleratio
     p' = v,   v' = a + w,   z = p + r,    w of density accel_noise (Q), r of the fix's own sigma (R)
 
 It knows no attitude, no bias and no vehicle: attitude and acceleration come from the steps above, and what they err by
-is noise. Between two fixes it predicts at the rate of the imu, at a fix it is updated; with `smooth` every estimate
-also knows the fixes that follow (Rauch, Tung, Striebel). In steps in which the imu is silent the acceleration is not
-known, and the sigmas grow accordingly.
+is noise, of the size that makes the innovations likeliest where none is given. Between two fixes it predicts at the
+rate of the imu, at a fix it is updated; with `smooth` every estimate also knows the fixes that follow (Rauch, Tung,
+Striebel). In steps in which the imu is silent the acceleration is not known, and the sigmas grow accordingly.
 
 Receivers err by much the same for minutes. No filter of positions averages that away: of the variance of a fix the
 share `slow_share` is kept out of R and added to what the result claims.
@@ -57,13 +57,15 @@ from recon import (
     with_meta,
 )
 from recon.errors import NotEnoughData
-from recon.numerics.constant_velocity import Innovations, estimate
+from recon.numerics.constant_velocity import Fusion, Innovations
 from recon.numerics.rotation import slerp
 from recon.placing import geolocate, silence_warnings, silent_steps
 from recon.tables import schema_of
 
 SILENT_NOISE: Final = 2.0
 """m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
+DENSITIES: Final = 0.05 * 2.0 ** np.arange(8.0)
+"""m/s^1.5, of which the likeliest is taken: from a box that is glued to a car to a phone in a hand."""
 OUTAGE_S: Final = 3.0
 SUSPICIOUS: Final = 0.05
 """Share of fixes that are doubted, above which something else is wrong."""
@@ -73,8 +75,12 @@ _AXES: Final = ("e", "n", "u")
 class KalmanParams(Params):
     """Parameters of fuser.kalman_cv."""
 
-    accel_noise: float = quantity(
-        0.5, "m/s^2/sqrt(Hz)", gt=0, le=1000, doc="Q: density of what the acceleration errs by, attitude included."
+    accel_noise: float | None = quantity(
+        None,
+        "m/s^2/sqrt(Hz)",
+        gt=0,
+        le=1000,
+        doc="Q: density of what the acceleration errs by, attitude included; none: the likeliest, level and upwards.",
     )
     horizontal: float | None = quantity(
         None, "m", gt=0, le=1e4, doc="R: sigma of a fix, east and north each; none: as the receiver tells, else 3 m."
@@ -86,6 +92,9 @@ class KalmanParams(Params):
         0.5, ge=0, lt=1, doc="Share of the variance of a fix that lasts for minutes: no fix averages it away."
     )
     gate: float = setting(5.0, ge=1, le=1e6, doc="Sigmas from the prediction beyond which a fix counts less and less.")
+    patience: float = quantity(
+        10.0, "s", ge=0, le=1e6, doc="Where all fixes lie beyond the gate for longer, they are believed again."
+    )
     smooth: bool = setting(False, doc="Estimate each row from all fixes, not only from those before it.")
     max_gap: float = quantity(0.5, "s", gt=0, le=3600, doc="Over a longer gap in imu the acceleration is not known.")
     longest_gap: float = quantity(10.0, "min", gt=0, le=1e6, doc="A log with a longer gap is refused: cut it there.")
@@ -108,18 +117,19 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
     rows, sigma, learnt = _fixes(imu, gnss, params)
     fix_ns = time_ns(gnss)[rows]
     white = sigma * np.sqrt(1.0 - params.slow_share)
-    found, seen = estimate(
+    fusion = Fusion.of(
         (t_ns - t_ns[0]) * 1e-9,
         matrix(imu, "accel"),
         silent,
         (fix_ns - t_ns[0]) * 1e-9,
         matrix(gnss, "pos", gaps=True)[rows],
         white**2,
-        density=params.accel_noise,
         held_density=SILENT_NOISE,
         gate=params.gate,
-        smooth=params.smooth,
+        patience=params.patience,
     )
+    density, told = _density(fusion, params.accel_noise)
+    found, seen = fusion.estimate(density, smooth=params.smooth)
     kept = t_ns[len(t_ns) - len(found.pos) :]
     slow = sigma[np.searchsorted(fix_ns, kept, side="right") - 1] ** 2 * params.slow_share
     table = build(
@@ -132,6 +142,7 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
         vel_std=np.sqrt(found.vel_var),
     )
     learnt += [
+        *told,
         *silence_warnings(imu, silent, "the acceleration is taken as zero"),
         *_counts(t_ns, kept, seen, params.gate),
     ]
@@ -163,6 +174,17 @@ def _fixes(imu: pa.Table, gnss: pa.Table, params: KalmanParams) -> tuple[NDArray
         source = "given" if value is not None else "told by the receiver" if known[:, axes].any() else "typical"
         learnt.append(Metric(f"sigma_{name}", float(np.median(sigma[:, axes])), "m", method=source))
     return rows, sigma, learnt
+
+
+def _density(fusion: Fusion, given: float | None) -> tuple[Array, list[Metric]]:
+    """Density of the noise of the acceleration on each axis: (3,) m/s^1.5, and where it is from."""
+    level, up = (given, given) if given is not None else (fusion.likeliest(axes, DENSITIES) for axes in ([0, 1], [2]))
+    method = "given" if given is not None else "likeliest, by the innovations"
+    learnt = [
+        Metric(f"accel_noise_{name}", value, "m/s^2/sqrt(Hz)", method=method)
+        for name, value in (("horizontal", level), ("vertical", up))
+    ]
+    return np.array([level, level, up]), learnt
 
 
 def _attitude(t_ns: NDArray[np.int64], attitude: pa.Table | None) -> Array:

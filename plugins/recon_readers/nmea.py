@@ -85,6 +85,8 @@ def sniff(path: Path, head: bytes) -> Sniff:
         return Sniff(0.0, "no sentence of NMEA 0183" if not seen else "sentences of NMEA 0183 without any that is read")
     if b"\xb5\x62" in head:
         return Sniff(0.7, f"{right} sentences of NMEA 0183 among binary messages")
+    if b',"$' in head:
+        return Sniff(0.4, f"{right} sentences of NMEA 0183 in a column of a table, whose other columns may tell more")
     return Sniff(0.9, f"{right} sentences of NMEA 0183")
 
 

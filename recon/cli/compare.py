@@ -13,10 +13,15 @@ from recon.cli._results import accounted
 from recon.problems import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+
+    import pyarrow as pa
 
     from recon.api import Run
-    from recon.comparison import Comparison, Row
+    from recon.comparison import Comparison, Distance, Row
+    from recon.evaluation import Evaluation
+    from recon.numerics.evaluation import Statistics
+    from recon.registry import Registry
 
 LONGEST: Final = 60
 """Characters of a value that people are shown."""
@@ -26,6 +31,10 @@ def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of finished runs.")],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="A result with all trajectories laid over each other.")
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(metavar="REF", help="What they err against: a run, or any log with a reference; else their own."),
     ] = None,
     exports: Annotated[
         list[str] | None, typer.Option("--export", metavar="NAME", help="Exporters of that result: plots, rerun, ...")
@@ -51,7 +60,8 @@ def compare(
         raise ConfigError([Problem(Where("--export"), "no-folder", "an export needs a folder", "add --out DIR")])
     registry = registry_of(blocked, first_party_only)
     finished = [api.open(run) for run in runs]
-    found = comparison.compare(finished)
+    truth = _reference(reference, registry)
+    found = comparison.compare(finished, truth)
     made = {"the overlay": out} if out is not None else {}
     with accounted(made):
         overlay: Run | None = None
@@ -67,6 +77,15 @@ def compare(
             console.write(as_text(found, overlay, everything=everything))
 
 
+def _reference(path: Path | None, registry: Registry) -> pa.Table | None:
+    """What runs are to be compared with. Raises ReadFailed, DataError."""
+    if path is None:
+        return None
+    from recon import api, evaluation
+
+    return evaluation.reference_in(api.read(path, registry=registry))[1]
+
+
 def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False) -> str:
     """The comparison for people: a line each, values below each other."""
     from recon.cli._results import exported
@@ -76,6 +95,7 @@ def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False)
         _section("made differently", found.runs, found.settings),
         _section("found" if everything else "found differently", found.runs, shown),
         _distances(found),
+        _errors(found),
     ]
     if overlay is not None:
         files = [("export", str(path)) for path in exported(overlay)]
@@ -96,18 +116,39 @@ def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else shortened(str(value), LONGEST)
 
 
+_GROUPS: Final = {"position": "m", "velocity": "m/s", "attitude": "deg"}
+
+
 def _distances(found: Comparison) -> str:
     head = (f"distance from {found.runs[0]}", "rms", "95 %", "largest")
     rows: list[tuple[str, ...]] = [head]
     for distance in found.distances:
-        if distance.found is None:
-            rows.append((distance.run, distance.reason, "", ""))
-            continue
-        groups = {"position": "m", "velocity": "m/s", "attitude": "deg"}
-        for group, unit in groups.items():
-            for name, figure in getattr(distance.found, group).items():
-                if figure is not None:
-                    cells = (f"{value:.3f}" for value in (figure.rmse, figure.p95, figure.max))
-                    rows.append((f"{distance.run}: {group}, {name} [{unit}]", *cells))
-        rows += [(f"{distance.run}: {note}", "", "", "") for note in distance.found.notes]
-    return console.table(rows)
+        for name, figure in _figures(distance.found) if distance.found else ():
+            cells = (f"{value:.3f}" for value in (figure.rmse, figure.p95, figure.max))
+            rows.append((f"{distance.run}: {name}", *cells))
+    return "\n".join([console.table(rows), *_notes(found.distances)])
+
+
+def _errors(found: Comparison) -> str:
+    """Errors of all runs beside each other, and what is to be said of them; "" without a reference."""
+    if not found.errors:
+        return ""
+    known = [dict(_figures(error.found)) if error.found else {} for error in found.errors]
+    names = dict.fromkeys(name for figures in known for name in figures)
+    rows = [("rms error against the reference", *(error.run for error in found.errors))]
+    rows += [(name, *(f"{figures[name].rmse:.3f}" if name in figures else "-" for figures in known)) for name in names]
+    return "\n".join([console.table(rows), *_notes(found.errors)])
+
+
+def _notes(distances: Sequence[Distance]) -> list[str]:
+    """What is to be said of each, a line each."""
+    said = [(one.run, one.found.notes if one.found else (one.reason,)) for one in distances]
+    return [f"  {run}: {note}" for run, notes in said for note in notes]
+
+
+def _figures(found: Evaluation) -> Iterator[tuple[str, Statistics]]:
+    """Every figure that is known, by its name and unit."""
+    for group, unit in _GROUPS.items():
+        for name, figure in getattr(found, group).items():
+            if figure is not None:
+                yield f"{group}, {name} [{unit}]", figure

@@ -10,17 +10,20 @@ worked out once for all samples: so the filter steps from position to position, 
 and the estimate at every sample is the one closed step from the position before it. The axes have nothing in common.
 
 A position that lies further than `gate` sigmas from what was predicted is given the variance with which it would lie
-just there: an outlier pulls little, the less the further off it is, and a filter that went astray comes back.
+just there: an outlier pulls little, the less the further off it is. Where they all lie so far off for longer than
+`patience`, it is the filter that went astray, and it believes them again.
 
 References
     Kalman (1960), J. Basic Engineering 82(1), 35-45. Rauch, Tung, Striebel (1965), AIAA J. 3(8), 1445-1450: the
     smoother. Bierman (1973), Int. J. Control 18(1), 65-75: the same without inverses, after Bryson and Frazier.
+    Schweppe (1965), IEEE Trans. Information Theory 11(1), 61-70: the likelihood of innovations.
     Bar-Shalom, Li, Kirubarajan (2001), "Estimation with applications to tracking and navigation", 6.2.2: Q.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,6 +32,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+MANY: Final = 2000
+"""Positions that tell the density of the noise well enough."""
 FIRST_SPEED: Final = 30.0
 """m/s, sigma of the velocity at the first position."""
 
@@ -116,64 +121,115 @@ def pushes(t_s: Floats, acc: Floats, held: NDArray[np.bool_], at_s: Floats) -> t
     return Pushes(once, twice), there
 
 
-def estimate(
-    t_s: Floats,
-    acc: Floats,
-    held: NDArray[np.bool_],
-    fix_s: Floats,
-    fix: Floats,
-    fix_var: Floats,
-    *,
-    density: float,
-    held_density: float,
-    gate: float,
-    smooth: bool,
-) -> tuple[Motion, Innovations]:
-    """Position and velocity at the samples from the first position on, and the innovations.
+@dataclass(frozen=True)
+class Fusion:
+    """Accelerations at n samples and positions at m times, made ready: what the one does between the others.
 
-    t_s : (n,) s, strictly increasing, n > 1; acc : (n, k) m/s^2; held : (n-1,) steps of which it tells nothing
-    fix_s : (m,) s, strictly increasing, inside of t_s, m > 0; fix : (m, k) m; fix_var : (m, k) m^2, white, above 0
-    density, held_density : m/s^1.5, of the white noise on the acceleration, and in steps that are held
-    gate : sigmas; smooth : each estimate from all positions, not only from those before
-    returns : Motion at the samples not before fix_s[0], and Innovations
+    t_s : (n,) s; fix_s : (m,) s; fix : (m, k) m; fix_var : (m, k) m^2, white
+    here, there : integrals of the acceleration at the samples and at the positions
+    held_q2 : (m,) m^2/s^3, what steps without acceleration add to Q, from each position to the next
+    trust : gate in sigmas, patience in s
     """
-    here, there = pushes(t_s, acc, held, fix_s)
-    rows = np.arange(np.searchsorted(t_s, fix_s[0]), len(t_s))
-    last = np.searchsorted(fix_s, t_s[rows], side="right") - 1
-    step = np.diff(fix_s)
-    dp, dv = Pushes(*(part[:-1] for part in there)).between(Pushes(*(part[1:] for part in there)), step)
-    until_s = t_s[rows] - fix_s[last]
-    moved_p, moved_v = Pushes(*(part[last] for part in there)).between(Pushes(*(part[rows] for part in here)), until_s)
-    q2 = _noise(t_s, held, np.append(fix_s, t_s[-1] + 1.0), density, held_density)
-    found = [np.empty((len(rows), fix.shape[1])) for _ in range(4)]
-    told = [np.empty((len(step), fix.shape[1])) for _ in range(3)]
-    for axis in range(fix.shape[1]):
-        filtered, updates = _forward(step, dp[:, axis], dv[:, axis], fix[:, axis], fix_var[:, axis], q2, gate)
-        state = _State(*(part[last] for part in filtered))
-        state = state.moved(until_s, moved_p[:, axis], moved_v[:, axis], q2[last])
-        if smooth:
-            state = _smoothed(state, updates, step, fix_s, t_s[rows], last)
-        for part, values in zip(found, (state.p, state.v, state.pp, state.vv), strict=True):
-            part[:, axis] = values
-        for part, values in zip(told, (updates.innovation, updates.told_var, updates.weight), strict=True):
-            part[:, axis] = values
-    return Motion(*found), Innovations(*told)
 
+    t_s: Floats
+    fix_s: Floats
+    fix: Floats
+    fix_var: Floats
+    here: Pushes
+    there: Pushes
+    held_q2: Floats
+    trust: tuple[float, float]
 
-def _noise(t_s: Floats, held: NDArray[np.bool_], edges: Floats, density: float, held_density: float) -> Floats:
-    """Mean square of the density between each two edges: (len(edges) - 1,) m^2/s^3."""
-    silent = np.append(0.0, np.cumsum(np.where(held, np.diff(t_s), 0.0)))
-    share = np.diff(np.interp(edges, t_s, silent)) / np.diff(edges)
-    return np.asarray(density**2 + share * held_density**2)
+    @classmethod
+    def of(
+        cls,
+        t_s: Floats,
+        acc: Floats,
+        held: NDArray[np.bool_],
+        fix_s: Floats,
+        fix: Floats,
+        fix_var: Floats,
+        *,
+        held_density: float,
+        gate: float,
+        patience: float,
+    ) -> Fusion:
+        """Make ready.
+
+        t_s : (n,) s, strictly increasing, n > 1; acc : (n, k) m/s^2; held : (n-1,) steps of which it tells nothing
+        fix_s : (m,) s, strictly increasing, inside of t_s, m > 0; fix : (m, k) m; fix_var : (m, k) m^2, above 0
+        held_density : m/s^1.5, of the noise in steps that are held
+        """
+        silent = np.append(0.0, np.cumsum(np.where(held, np.diff(t_s), 0.0)))
+        edges = np.append(fix_s, t_s[-1] + 1.0)
+        share = np.diff(np.interp(edges, t_s, silent)) / np.diff(edges)
+        here, there = pushes(t_s, acc, held, fix_s)
+        return cls(t_s, fix_s, fix, fix_var, here, there, share * held_density**2, (gate, patience))
+
+    def estimate(self, density: Floats, *, smooth: bool) -> tuple[Motion, Innovations]:
+        """Position and velocity at the samples from the first position on, and the innovations.
+
+        density : (k,) m/s^1.5, of the white noise on the acceleration
+        smooth : each estimate from all positions, not only from those before
+        returns : Motion at the samples not before fix_s[0], and Innovations
+        """
+        rows = np.arange(np.searchsorted(self.t_s, self.fix_s[0]), len(self.t_s))
+        last = np.searchsorted(self.fix_s, self.t_s[rows], side="right") - 1
+        until_s = self.t_s[rows] - self.fix_s[last]
+        start, stop = (Pushes(*(part[at] for part in side)) for side, at in ((self.there, last), (self.here, rows)))
+        moved_p, moved_v = start.between(stop, until_s)
+        found: list[Floats] = [np.empty(moved_p.shape) for _ in range(4)]
+        told: list[Floats] = [np.empty((len(self.fix) - 1, self.fix.shape[1])) for _ in range(3)]
+        for axis, own in enumerate(density.tolist()):
+            filtered, updates = self._filtered(axis, own)
+            state = _State(*(part[last] for part in filtered))
+            q2 = own**2 + self.held_q2[last]
+            state = state.moved(until_s, moved_p[:, axis], moved_v[:, axis], q2)
+            if smooth:
+                state = _smoothed(state, updates, np.diff(self.fix_s), self.fix_s, self.t_s[rows], last)
+            for column, values in zip(found, (state.p, state.v, state.pp, state.vv), strict=True):
+                column[:, axis] = values
+            for column, values in zip(told, (updates.innovation, updates.told_var, updates.weight), strict=True):
+                column[:, axis] = values
+        return Motion(*found), Innovations(*told)
+
+    def likeliest(self, axes: Sequence[int], densities: Floats) -> float:
+        """Of some densities, m/s^1.5, the one under which the innovations on some axes are the most likely.
+
+        The longest ones count as much as one at the gate, and of long records the middle suffices.
+        """
+        middle = max(0, (len(self.fix) - MANY) // 2)
+        part = self._only(slice(middle, middle + MANY))
+        costs = [sum(part._cost(axis, float(density)) for axis in axes) for density in densities]
+        return float(densities[int(np.argmin(costs))])
+
+    def _only(self, rows: slice) -> Fusion:
+        there = Pushes(*(side[rows] for side in self.there))
+        parts = {name: getattr(self, name)[rows] for name in ("fix_s", "fix", "fix_var", "held_q2")}
+        return replace(self, there=there, **parts)
+
+    def _cost(self, axis: int, density: float) -> float:
+        """Twice the negative logarithm of the likelihood, but for a constant. Schweppe 1965."""
+        _, updates = self._filtered(axis, density)
+        squares = updates.innovation**2 / updates.told_var
+        return float((np.log(updates.told_var) + np.minimum(squares, self.trust[0] ** 2)).sum())
+
+    def _filtered(self, axis: int, density: float) -> tuple[_State, _Updates]:
+        step = np.diff(self.fix_s)
+        start, stop = (Pushes(*(part[at] for part in self.there)) for at in (slice(-1), slice(1, None)))
+        dp, dv = start.between(stop, step)
+        fixes = self.fix[:, axis], self.fix_var[:, axis]
+        return _forward(step, dp[:, axis], dv[:, axis], *fixes, density**2 + self.held_q2, self.trust)
 
 
 def _forward(
-    step: Floats, dp: Floats, dv: Floats, fix: Floats, fix_var: Floats, q2: Floats, gate: float
+    step: Floats, dp: Floats, dv: Floats, fix: Floats, fix_var: Floats, q2: Floats, trust: tuple[float, float]
 ) -> tuple[_State, _Updates]:
-    """One axis: the state after each position (m,), and what all but the first did (m-1,).
+    """One axis: the state after each position (m,), and what all but the first did (m-1,). trust : gate and patience.
 
     Plain numbers: arrays of one or two take ten times as long.
     """
+    (gate, patience), doubted_s = trust, 0.0
     p, v, pp, pv, vv = float(fix[0]), 0.0, float(fix_var[0]), 0.0, FIRST_SPEED**2
     after, updates = [(p, v, pp, pv, vv)], []
     noise = (q2[:-1] * step**3 / 3.0, q2[:-1] * step**2 / 2.0, q2[:-1] * step)
@@ -183,7 +239,9 @@ def _forward(
         moved = pv + h * vv
         pp, pv, vv = pp + h * (pv + moved) + q_pp, moved + q_pv, vv + q_vv
         error = z - p
-        believed = max(r, (error / gate) ** 2 - pp)
+        far = (error / gate) ** 2 - pp
+        doubted_s = doubted_s + h if far > r else 0.0
+        believed = far if 0.0 < doubted_s <= patience else r
         variance = pp + believed
         gain_p, gain_v = pp / variance, pv / variance
         updates.append((error, pp + r, r / believed, variance, gain_p, gain_v))

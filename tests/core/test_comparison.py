@@ -55,6 +55,27 @@ def test_trajectories_are_held_against_the_first(tmp_path):
     assert horizontal.rmse == pytest.approx(3.0, abs=1e-9)  # positions of some 100 m in doubles
 
 
+def test_errors_of_all_runs_against_one_reference_stand_side_by_side(tmp_path, capsys):
+    runs = [made(tmp_path, "a", shift=1.0), made(tmp_path, "b", shift=3.0)]
+    assert compare(runs).errors == ()
+    errors = compare(runs, TRUTH).errors
+    assert [error.run for error in errors] == ["a", "b"]
+    assert [error.found.position["horizontal"].rmse for error in errors] == pytest.approx([1.0, 3.0], abs=1e-9)
+    truth = made(tmp_path, "truth", trajectory=False)
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--reference", str(truth.folder)]) == 0
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    head = next(row for row, words in enumerate(told) if words[:2] == ["rms", "error"])
+    assert told[head][-2:] == ["a", "b"]
+    assert told[head + 1] == ["position,", "horizontal", "[m]", "1.000", "3.000"]
+
+
+def test_a_reference_that_a_run_holds_is_used(tmp_path):
+    held, other = made(tmp_path, "a", trajectory=False), made(tmp_path, "b", shift=2.0)
+    first, second = compare([held, other]).errors
+    assert (first.found, first.reason) == (None, "no trajectory")
+    assert second.found.position["horizontal"].rmse == pytest.approx(2.0, abs=1e-9)
+
+
 def test_a_run_without_a_trajectory_has_no_distance(tmp_path):
     first, second = made(tmp_path, "a"), made(tmp_path, "b", trajectory=False)
     (distance,) = compare([first, second]).distances

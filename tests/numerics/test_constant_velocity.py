@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
 
-from recon.numerics.constant_velocity import FIRST_SPEED, Innovations, Motion, estimate, pushes
+from recon.numerics.constant_velocity import FIRST_SPEED, Fusion, Innovations, Motion, pushes
 from recon.numerics.rotation import Floats
 
 RATE_HZ = 50.0
@@ -29,10 +30,16 @@ def drive(seed: int, duration_s: float = 60.0, density: float = DENSITY) -> tupl
     return t_s, acc, pos, vel
 
 
-def run(t_s: Floats, acc: Floats, fix_s: Floats, fix: Floats, **settings: object) -> tuple[Motion, Innovations]:
+def run(t_s: Floats, acc: Floats, fix_s: Floats, fix: Floats, **settings: Any) -> tuple[Motion, Innovations]:
+    fusion, told = made(t_s, acc, fix_s, fix, **settings)
+    return fusion.estimate(np.full(fix.shape[1], told["density"]), smooth=told["smooth"])
+
+
+def made(t_s: Floats, acc: Floats, fix_s: Floats, fix: Floats, **settings: Any) -> tuple[Fusion, dict[str, Any]]:
     held = settings.pop("held", np.zeros(len(t_s) - 1, dtype=bool))
-    told = {"density": DENSITY, "held_density": 2.0, "gate": GATE, "smooth": False, **settings}
-    return estimate(t_s, acc, held, fix_s, fix, np.full(fix.shape, SIGMA**2), **told)  # type: ignore[arg-type]
+    told = {"density": DENSITY, "held_density": 2.0, "gate": GATE, "patience": 10.0, "smooth": False, **settings}
+    ready = {name: told[name] for name in ("held_density", "gate", "patience")}
+    return Fusion.of(t_s, acc, held, fix_s, fix, np.full(fix.shape, SIGMA**2), **ready), told
 
 
 def textbook(t_s: Floats, acc: Floats, rows: Floats, fix: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -105,6 +112,17 @@ def test_innovations_are_white_and_as_large_as_they_say() -> None:
     np.testing.assert_array_equal(seen.weight, 1.0)
 
 
+@pytest.mark.parametrize("density", [0.1, 0.8])
+def test_the_noise_of_the_acceleration_is_found_from_the_innovations(density: float) -> None:
+    t_s, acc, pos, _ = drive(11, 600.0, density)
+    rows = np.arange(0, len(t_s), 50)
+    fix = pos[rows] + SIGMA * np.random.default_rng(12).standard_normal((len(rows), 2))
+    fix[100] += 1e4
+    fusion, _ = made(t_s, acc, t_s[rows], fix, gate=5.0)
+    # Of 1200 innovations; a factor of two changes them by 20 % at least.
+    assert fusion.likeliest([0, 1], 0.1 * 2.0 ** np.arange(-3.0, 6.0)) == density
+
+
 def test_without_noise_the_motion_comes_back_at_every_sample() -> None:
     t_s, acc, pos, vel = drive(5, density=0.0)
     exact, _ = pushes(t_s, acc, np.zeros(len(t_s) - 1, dtype=bool), t_s)
@@ -145,10 +163,23 @@ def test_an_outlier_pulls_little_and_is_told() -> None:
 
 
 def test_a_filter_that_went_astray_comes_back() -> None:
+    """An acceleration that is wrong all the time outruns what the filter thinks of itself, as t^2 outruns t^1.5."""
+    t_s, acc, pos, _ = drive(8)
+    rows = np.arange(0, len(t_s), 50)
+    wrong = acc + np.where(t_s < 30.0, 0.0, 8.0)[:, None]
+    lost, _ = run(t_s, wrong, t_s[rows], pos[rows], gate=5.0, patience=1e9)
+    found, _ = run(t_s, wrong, t_s[rows], pos[rows], gate=5.0, patience=5.0)
+    assert np.abs(lost.pos[-1] - pos[-1]).min() > 1000.0
+    assert np.abs(found.pos[-1] - pos[-1]).max() < 0.1 * np.abs(lost.pos[-1] - pos[-1]).min()
+
+
+def test_fixes_that_are_moved_for_good_are_believed_after_a_while() -> None:
     t_s, acc, pos, _ = drive(8)
     rows = np.arange(0, len(t_s), 50)
     moved = pos[rows] + np.where(np.arange(len(rows)) < 20, 0.0, 200.0)[:, None]
-    found, _ = run(t_s, acc, t_s[rows], moved, gate=5.0)
+    found, seen = run(t_s, acc, t_s[rows], moved, gate=5.0, patience=10.0)
+    assert (seen.weight[19:29] < 0.1).all()
+    assert (seen.weight[29] == 1.0).all()
     assert np.abs(found.pos[-1] - pos[-1] - 200.0).max() < 5.0 * SIGMA
 
 

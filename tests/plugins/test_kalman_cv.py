@@ -7,7 +7,7 @@ import pytest
 import recon
 from recon import ATTITUDE, GNSS, IMU, build, has, matrix, meta, replace, spans, time_ns, vector
 from recon.errors import DataError, NotEnoughData
-from recon.numerics.constant_velocity import estimate
+from recon.numerics.constant_velocity import Fusion
 from recon.numerics.geodesy import enu_to_geodetic
 from recon.numerics.rotation import from_euler, to_euler
 from recon.rows import warnings_of
@@ -47,11 +47,12 @@ def test_it_is_the_filter_of_the_numerics_with_the_sigmas_that_the_receiver_tell
     found = run(streams, smooth=True, accel_noise=0.3, slow_share=0.0)["trajectory"]
     imu, gnss = streams["imu"], streams["gnss"]
     start = time_ns(imu)[0]
-    wanted, _ = estimate(
+    fusion = Fusion.of(
         (time_ns(imu) - start) * 1e-9, matrix(imu, "accel"), np.zeros(imu.num_rows - 1, dtype=bool),
         (time_ns(gnss) - start) * 1e-9, matrix(gnss, "pos"), matrix(gnss, "pos_std") ** 2,
-        density=0.3, held_density=2.0, gate=5.0, smooth=True,
+        held_density=2.0, gate=5.0, patience=10.0,
     )  # fmt: skip
+    wanted, _ = fusion.estimate(np.full(3, 0.3), smooth=True)
     np.testing.assert_array_equal(matrix(found, "pos"), wanted.pos)
     np.testing.assert_array_equal(matrix(found, "vel_std"), np.sqrt(wanted.vel_var))
     np.testing.assert_array_equal(matrix(found, "pos_std"), np.sqrt(wanted.pos_var))
@@ -106,7 +107,7 @@ def test_an_outage_is_told_and_the_sigma_grows_in_it():
     gnss = streams["gnss"]
     since = (time_ns(gnss) - time_ns(gnss)[0]) * 1e-9
     streams["gnss"] = gnss.filter(pa.array((since < 10.0) | (since > 20.0)))
-    found = run(streams)
+    found = run(streams, accel_noise=0.3)
     ((start, stop),) = spans(found["events"], "outage")
     assert (stop - start) * 1e-9 == pytest.approx(10.0, abs=0.5)
     since = (time_ns(found["trajectory"]) - time_ns(gnss)[0]) * 1e-9
@@ -124,6 +125,18 @@ def test_residuals_are_the_innovations_and_an_outlier_is_not_accepted():
     assert rows[0]["value"] == pytest.approx(80.0, abs=5.0)
     assert rows[0]["weight"] < 0.05
     assert metric(found, "fixes_doubted")[0] == 1.0
+
+
+def test_the_noise_of_the_acceleration_is_found_where_it_is_not_given():
+    streams = inputs()
+    scatter = np.random.default_rng(3).normal(0.0, 10.0, (streams["imu"].num_rows, 3)) * [1.0, 1.0, 0.1]
+    found = run({**streams, "imu": replace(streams["imu"], accel=matrix(streams["imu"], "accel") + scatter)})
+    # 10 m/s^2 of white noise at 100 Hz are 1 m/s^1.5; the height has a tenth of it, and the bias of the drive.
+    level, method = metric(found, "accel_noise_horizontal")
+    assert 0.4 <= level <= 1.6
+    assert metric(found, "accel_noise_vertical")[0] <= 0.2
+    assert method == "likeliest, by the innovations"
+    assert metric(fuse(accel_noise=0.3), "accel_noise_vertical") == (0.3, "given")
 
 
 def test_an_attitude_that_is_wrong_shows_in_the_innovations():

@@ -156,3 +156,11 @@ def test_a_real_log_without_a_fix_says_so(logs: Path) -> None:
     with pytest.raises(ReadFailed, match="none of its sentences holds a position: 90 RMC, 81 GGA") as caught:
         recon.read(path)
     assert "had the receiver a fix" in caught.value.hint
+
+
+def test_sentences_in_a_column_of_a_table_leave_it_to_who_knows_its_columns(tmp_path: Path) -> None:
+    """Logs of ROS topics keep the sentence beside what was read from it."""
+    path = tmp_path / "gps.csv"
+    sentence = "$GPGGA,180907.000,4220.2340,N,07105.3704,W,1,09,1.2,16.6,M,-33.8,M,,0000*55"
+    path.write_text(f'stamp,latitude,raw\n1711303747.2,42.33,"{sentence}"\n', encoding="utf-8")
+    assert 0.0 < recon_readers.nmea.sniff(path, path.read_bytes()).confidence < 0.5
