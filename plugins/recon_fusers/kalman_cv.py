@@ -64,8 +64,8 @@ from recon.tables import schema_of
 
 SILENT_NOISE: Final = 2.0
 """m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
-DENSITIES: Final = 0.05 * 2.0 ** np.arange(8.0)
-"""m/s^1.5, of which the likeliest is taken: from a box that is glued to a car to a phone in a hand."""
+DENSITIES: Final = tuple(0.05 * 2.0**power for power in range(7, -1, -1))
+"""m/s^1.5, of which the likeliest is taken: from a phone in a hand to a box that is glued to a car."""
 OUTAGE_S: Final = 3.0
 SUSPICIOUS: Final = 0.05
 """Share of fixes that are doubted, above which something else is wrong."""

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-MANY: Final = 2000
+MANY: Final = 1000
 """Positions that tell the density of the noise well enough."""
 FIRST_SPEED: Final = 30.0
 """m/s, sigma of the velocity at the first position."""
@@ -193,15 +193,21 @@ class Fusion:
                 column[:, axis] = values
         return Motion(*found), Innovations(*told)
 
-    def likeliest(self, axes: Sequence[int], densities: Floats) -> float:
-        """Of some densities, m/s^1.5, the one under which the innovations on some axes are the most likely.
+    def likeliest(self, axes: Sequence[int], densities: Sequence[float]) -> float:
+        """Of some densities, m/s^1.5, falling, the one under which the innovations on some axes are the most likely.
 
-        The longest ones count as much as one at the gate, and of long records the middle suffices.
+        The first that the next one does not better: where a density is far too small, all innovations lie beyond the
+        gate and count as much as one there, which would look likely again. Of long records the middle suffices.
         """
         middle = max(0, (len(self.fix) - MANY) // 2)
         part = self._only(slice(middle, middle + MANY))
-        costs = [sum(part._cost(axis, float(density)) for axis in axes) for density in densities]
-        return float(densities[int(np.argmin(costs))])
+        best, least = densities[0], np.inf
+        for density in densities:
+            cost = sum(part._cost(axis, density) for axis in axes)
+            if cost > least:
+                break
+            best, least = density, cost
+        return best
 
     def _only(self, rows: slice) -> Fusion:
         there = Pushes(*(side[rows] for side in self.there))

@@ -120,7 +120,7 @@ def test_the_noise_of_the_acceleration_is_found_from_the_innovations(density: fl
     fix[100] += 1e4
     fusion, _ = made(t_s, acc, t_s[rows], fix, gate=5.0)
     # Of 1200 innovations; a factor of two changes them by 20 % at least.
-    assert fusion.likeliest([0, 1], 0.1 * 2.0 ** np.arange(-3.0, 6.0)) == density
+    assert fusion.likeliest([0, 1], [0.1 * 2.0**power for power in range(5, -4, -1)]) == density
 
 
 def test_without_noise_the_motion_comes_back_at_every_sample() -> None:
