@@ -119,7 +119,7 @@ def movements(start: Poses, stop: Poses, path_length: Array, covariance: Array, 
     return Movements(
         start=start.time,
         stop=stop.time,
-        duration=np.asarray((stop.time - start.time).astype(np.int64) * 1e-9),
+        duration=np.asarray((stop.time - start.time).astype(np.int64) / 1e9),
         displacement=moved,
         displacement_covariance=spread,
         distance=np.linalg.norm(moved, axis=1),
