@@ -66,7 +66,7 @@ def _plateaus(y: Floats, least: float) -> NDArray[np.bool_]:
 def hidden(t_s: Floats, y: Floats, mask: NDArray[np.bool_]) -> Floats:
     """The most that may be missing in clipped samples of one axis, with the sign of what they show; 0 elsewhere.
 
-    Each plateau is continued by the slopes of its flanks, over the two samples before and behind it.
+    Each plateau is continued by the slopes of its flanks: the steeper one of the step into it and the step before.
 
     t_s : (n,) s; y : (n,); mask : (n,)
     """
@@ -76,10 +76,10 @@ def hidden(t_s: Floats, y: Floats, mask: NDArray[np.bool_]) -> Floats:
         sign = np.sign(y[start]) or 1.0
         lines = []
         if start >= 2:
-            rise = sign * (y[start - 1] - y[start - 2]) / (t_s[start - 1] - t_s[start - 2])
+            rise = float((sign * np.diff(y[start - 2 : start + 1]) / np.diff(t_s[start - 2 : start + 1])).max())
             lines.append(max(rise, 0.0) * (t_s[inside] - t_s[start - 1]) + sign * (y[start - 1] - y[start]))
         if stop + 1 < len(y):
-            fall = sign * (y[stop] - y[stop + 1]) / (t_s[stop + 1] - t_s[stop])
+            fall = float((-sign * np.diff(y[stop - 1 : stop + 2]) / np.diff(t_s[stop - 1 : stop + 2])).max())
             lines.append(max(fall, 0.0) * (t_s[stop] - t_s[inside]) + sign * (y[stop] - y[start]))
         if lines:
             missing[inside] = sign * np.maximum(np.min(lines, axis=0), 0.0)

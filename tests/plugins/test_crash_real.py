@@ -1,0 +1,130 @@
+"""The crash pipeline on real logs: what others measured on them must come out."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import recon
+from recon.numerics import severity
+from recon.numerics.channel_class import channel_class
+from recon.numerics.geodesy import STANDARD_GRAVITY as G
+from recon.parameters import bind
+from recon.problems import Where
+from recon.rows import spans, warnings_of
+from recon.schema import IMU, Change
+from recon.tables import Streams, build, matrix, seconds
+from recon.yaml_nodes import Node
+from recon_analyzers.crash import CrashParams, analyze_crash
+from recon_detectors.crash import CrashParams as DetectorParams
+from recon_detectors.crash import crash as detect
+from recon_readers.csv import CsvParams
+from recon_readers.csv import read as read_csv
+
+VEHICLE = Change({"accel": "vehicle", "gyro": "vehicle"}, {"accel": "acceleration"}).apply(IMU)
+KM_H = 1.0 / 3.6
+
+
+@pytest.fixture(scope="module")
+def logs() -> Path:
+    if "RECON_TEST_DATA" not in os.environ:
+        pytest.skip("RECON_TEST_DATA does not name the folder of real logs")
+    return Path(os.environ["RECON_TEST_DATA"])
+
+
+@pytest.fixture(scope="module")
+def car(logs: Path) -> dict[str, Any]:
+    """Rows of metrics by name of the whole pipeline on the real crash."""
+    run = recon.run("crash", logs / "physycom_crash" / "crash_01.txt")
+    assert run.metrics is not None
+    return {row["name"]: row for row in run.metrics.to_pylist()}
+
+
+def analyzed(imu: Any) -> Streams:
+    events = detect(imu=imu, params=DetectorParams())["events"]
+    return analyze_crash(trajectory=None, imu=imu, knots=None, events=events, metrics=None, params=CrashParams())
+
+
+def test_the_numbers_measured_on_the_logged_axes_come_out_on_them(logs: Path) -> None:
+    imu = recon.read(logs / "physycom_crash" / "crash_01.txt")["imu"]
+    t_s, accel = seconds(imu), matrix(imu, "accel")
+    step_s, zero = 2.4e-3, int(np.searchsorted(t_s, 60.276))
+    still = accel[t_s < 40.0].mean(axis=0)  # offset and gravity
+    near = slice(zero - 208, zero + 600)
+    seen = accel[near]
+    gained = severity.integral(seen[208:] - still, step_s) / KM_H
+    assert np.abs(channel_class(seen, 60, 1 / step_s)[:, 0]).max() / G == pytest.approx(5.87, rel=0.01)
+    assert gained[104, 0] == pytest.approx(11.87, rel=0.03)
+    assert np.abs(gained[:126, 0]).max() == pytest.approx(12.25, rel=0.02)
+    # Lateral is small, and what the still box shows across moves it by a tenth.
+    assert np.abs(gained[:126, 1]).max() == pytest.approx(0.83, rel=0.25)
+    assert severity.asi(seen - [0.0, 0.0, G], step_s, "1998").max() == pytest.approx(0.381, rel=0.02)
+
+
+def test_the_pipeline_gives_the_same_in_the_axes_of_the_vehicle(car: dict[str, Any]) -> None:
+    """Box x points to the rear, so the sign is another; the mounting that is found turns it by 1.5 deg."""
+    for name, wanted in (("delta_v_long_max", -12.25), ("accel_peak_cfc60", -5.87), ("asi_1998", 0.381)):
+        assert car[name]["value"] == pytest.approx(wanted, rel=0.08)
+        assert car[name]["low"] < car[name]["value"] < car[name]["high"]
+    # Of 12.2 km/h 1.5 deg make 0.32 km/h across.
+    assert abs(abs(car["delta_v_lat_max"]["value"]) - 0.83) < 12.2 * np.sin(np.radians(1.6))
+    assert abs(car["pdof"]["value"]) < 5.0
+
+
+def test_the_speed_before_agrees_with_gnss_once_its_lag_is_off(car: dict[str, Any]) -> None:
+    # GNSS of this log is noisy by 0.8 km/h at rest, with errors of a second: 0.5 km/h over two seconds.
+    assert abs(car["speed_before_less_gnss"]["value"]) < 1.0
+    assert car["gnss_delay"]["value"] + car["gnss_velocity_delay"]["value"] == pytest.approx(0.3, abs=0.1)
+    assert 22.0 < car["speed_before"]["value"] < 26.0
+
+
+@pytest.mark.parametrize("channel", ["093", "094", "099", "100"])
+def test_the_barrier_test_changes_the_velocity_by_impact_and_rebound(logs: Path, channel: str) -> None:
+    """57.09 km/h into a wall: rear seats of cars come back with 10 to 20 % of that."""
+    log = np.loadtxt(logs / "nhtsa_v10146_camry" / f"v10146.{channel}")
+    accel = np.zeros((len(log), 3))
+    accel[:, 0] = log[:, 1] * G
+    schema = VEHICLE.only("accel")
+    imu = build(schema, time=np.rint((log[:, 0] + 1.0) * 1e9).astype(np.int64), accel=accel)
+    rows = {row["name"]: row for row in analyzed(imu)["metrics"].to_pylist()}
+    rebound = -rows["delta_v_long_max"]["value"] / 57.09 - 1.0
+    assert 0.1 < rebound < 0.2
+    assert rows["pdof"]["value"] == pytest.approx(0.0, abs=1e-6)
+    assert -50.0 < rows["accel_peak_cfc60"]["value"] < -35.0
+
+
+def test_the_scooters_sensor_is_seen_to_clip_and_its_crash_has_bounds(logs: Path) -> None:
+    text = (Path(__file__).parent / "csv_mappings" / "scooter.yaml").read_text(encoding="utf-8")
+    params, problems = bind(CsvParams, Node.of({"columns": yaml.safe_load(text)}, Where("test")), "reader.csv")
+    assert params is not None, problems
+    imu = read_csv(path=logs / "accidetec_scooter" / "Step&crash.tsv", params=params)["imu"]
+    events = detect(imu=imu, params=DetectorParams())["events"]
+    (clip, *_) = [row for row in events.to_pylist() if row["kind"] == "saturation"]
+    assert clip["value"] == pytest.approx(78.5, abs=0.1)
+    found = analyzed(imu)
+    assert any("clipped" in text for text in warnings_of(found["metrics"]))
+    size = next(row for row in found["metrics"].to_pylist() if row["name"] == "accel_peak_cfc60_magnitude")
+    assert size["high"] > size["value"] + 1.0
+
+
+@pytest.mark.parametrize("drive", ["comma2k19_example/seg40", "navego_canada/data"])
+def test_ordinary_drives_have_no_crash(logs: Path, drive: str) -> None:
+    events = detect(imu=recon.read(logs / drive)["imu"], params=DetectorParams())["events"]
+    assert spans(events, "crash") == []
+
+
+def test_a_hundred_thousand_samples_are_analysed_in_half_a_second(logs: Path) -> None:
+    log = np.loadtxt(logs / "nhtsa_v10146_camry" / "v10146.093")
+    accel = np.zeros((100_000, 3))
+    accel[50_000:53_500, 0] = log[:3500, 1] * G
+    imu = build(VEHICLE.only("accel"), time=np.arange(100_000) * 100_000, accel=accel)
+    analyzed(imu)  # imports
+    begin = time.process_time()
+    analyzed(imu)
+    assert time.process_time() - begin < 0.5
