@@ -70,7 +70,7 @@ class SceneParams(Params):
     end: float | None = quantity(
         None, "s", gt=0, doc="Where it ends, after the start of the trajectory; none: its end."
     )
-    slow_motion: float = setting(1.0, ge=1, le=1000, doc="How many times slower the film runs around a crash.")
+    slow_motion: float = setting(10.0, ge=1, le=1000, doc="How many times slower the film runs around a crash.")
     slow_span: float = quantity(1.0, "s", ge=0, le=3600, doc="How long before and after a crash it runs slowly.")
     vertical: bool = setting(True, doc="Does the vehicle rise and sink? Otherwise everything lies in one plane.")
     max_gap: float = quantity(2.0, "s", gt=0, doc="GNSS that is silent for longer is an outage: the path is dashed.")

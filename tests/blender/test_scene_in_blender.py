@@ -43,7 +43,7 @@ def seen(program, tmp_path_factory) -> Seen:
         streams={"reference": replace(trajectory, pos=matrix(trajectory, "pos") + np.array([0.0, 0.0, 30.0]))},
         folder=folder,
         about=RunInfo("a drive"),
-        params=BlenderParams(blender=program, ghost="reference", tube=2.0),
+        params=BlenderParams(blender=program, ghost="reference", tube=2.0, slow_motion=1.0),
     )
     assert folder / "scene.blend" in paths
     assert not list(folder.rglob("__pycache__"))
@@ -129,7 +129,7 @@ def test_the_solver_lets_the_vehicle_slide_as_far_as_friction_does(program, tmp_
         streams={},
         folder=tmp_path,
         about=RunInfo("a slide"),
-        params=BlenderParams(blender=program, solver=True, friction=0.5, restitution=0.0),
+        params=BlenderParams(blender=program, solver=True, slow_motion=1.0, friction=0.5, restitution=0.0),
     )
     seen = look(find_blender(program), tmp_path, SLOW_FRAME, SOLVED_FRAME)
     before, after = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (SLOW_FRAME, SOLVED_FRAME))

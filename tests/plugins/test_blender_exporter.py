@@ -235,9 +235,18 @@ def test_fixes_lie_where_they_were_at_the_height_of_the_path(tmp_path):
 
 def test_events_become_markers_with_their_value(tmp_path):
     events = happened((2.0, 2.1), kind="crash", value=62.79, unit="m/s^2")
-    facts, _ = export(tmp_path, straight(np.arange(0.0, 4.0, 0.01)), events=events)
+    facts, _ = export(tmp_path, straight(np.arange(0.0, 4.0, 0.01)), events=events, slow_motion=1.0)
     assert facts["markers"] == [{"frame": 51, "kind": "crash", "name": "crash 62.8 m/s^2"}]
     assert facts["look"]["still"] == pytest.approx(51.0, abs=1e-6)
+
+
+def test_a_crash_runs_ten_times_slower_unless_told_otherwise(tmp_path):
+    """At 25 frames a second: 1 s as it was, the second before the crash in 10 s; a drive without a crash as it was."""
+    crash = happened((2.0, 2.1), kind="crash", value=62.79, unit="m/s^2")
+    facts, _ = export(tmp_path / "crash", straight(np.arange(0.0, 4.0, 0.01)), events=crash)
+    assert facts["markers"][0]["frame"] == 1 + 25 + 250
+    quiet, _ = export(tmp_path / "quiet", straight(np.arange(0.0, 4.0, 0.01)))
+    assert quiet["frames"] == pytest.approx(100, abs=1)
 
 
 def test_events_outside_of_the_film_are_no_markers(tmp_path):

@@ -115,7 +115,7 @@ OPTIONS: dict[str, dict[str, Option]] = {
         "slow_motion": Option(
             "exporter.blender.slow_motion",
             props.FloatProperty,
-            _number("Slow motion", "How many times slower the film runs around a crash", 1.0, 1.0, 1000.0),
+            _number("Slow motion", "How many times slower the film runs around a crash", 10.0, 1.0, 1000.0),
         ),
         "slow_span": Option(
             "exporter.blender.slow_span",
