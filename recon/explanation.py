@@ -11,12 +11,14 @@ smoother uses the whole drive.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 
 from recon import api
 from recon import manifest as manifests
@@ -36,6 +38,7 @@ from recon.yaml_nodes import Node
 
 _LONGEST_LINE: Final = 120
 _MOST_EVENTS: Final = 12
+_TRIP: Final = re.compile(r"\btrip (\d+)")
 
 
 @dataclass(frozen=True)
@@ -222,11 +225,28 @@ def _times(run: api.Run, row: Mapping[str, Any], read: Recording) -> Iterator[tu
         kinds = run.events["kind"].to_pylist()
         told = f"{row['step']} {row['name']} {row.get('note') or ''}"
         chosen = [index for index, kind in enumerate(kinds) if kind and kind in told]
+        chosen = _narrowed(run.events, chosen, row)
         found = [(kinds[index], int(starts[index]), int(ends[index])) for index in chosen]
     if found:
         yield from found[:_MOST_EVENTS]
     elif span := read.span_ns():
         yield "the whole log", *span
+
+
+def _narrowed(events: pa.Table, chosen: list[int], row: Mapping[str, Any]) -> list[int]:
+    """Of several trips the one that the note tells; of several crashes the severest by what the step itself found."""
+    kinds = events["kind"].to_pylist()
+    trip = _TRIP.search(row.get("note") or "")
+    if trip:
+        trips = [index for index in chosen if kinds[index] == "trip"]
+        return trips[int(trip[1]) - 1 : int(trip[1])] or chosen
+    starts, steps, sizes = time_ns(events), events["step"].to_pylist(), events["value"].to_pylist()
+    own = [index for index, step in enumerate(steps) if step == row["step"] and sizes[index] is not None]
+    here = [index for index in chosen if steps[index] != row["step"] and own]
+    if not here:
+        return chosen
+    severest = max(own, key=lambda index: sizes[index])
+    return [index for index in here if starts[index] == starts[severest]] or chosen
 
 
 def _stretch(

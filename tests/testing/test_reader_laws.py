@@ -114,6 +114,20 @@ def reader(run=right, **declared) -> Reader:
     return Reader(**{"name": "toy", "summary": summary, "run": run, "sniff": sniff, "writes": writes, **declared})
 
 
+def lines(path: Path, params: NoParams, stream: str, t_ns: np.ndarray) -> np.ndarray:
+    own = np.rint(rows(path)[:, 0] * 1e9).astype(np.int64)
+    at = np.searchsorted(own, t_ns).clip(max=len(own) - 1)
+    return np.where(own[at] == t_ns, at + 2, 0)
+
+
+def off_by_the_head(path: Path, params: NoParams, stream: str, t_ns: np.ndarray) -> np.ndarray:
+    return np.searchsorted(np.rint(rows(path)[:, 0] * 1e9).astype(np.int64), t_ns) + 1
+
+
+def always_the_first(path: Path, params: NoParams, stream: str, t_ns: np.ndarray) -> np.ndarray:
+    return np.ones(len(t_ns), dtype=np.int64)
+
+
 def unsure(path: Path, head: bytes) -> Sniff:
     return Sniff(0.4, "its first line")
 
@@ -135,6 +149,7 @@ FORCE = Schema((GNSS["time"], *(Column(f"force_{axis}", "N") for axis in "xyz"))
 
 def test_a_right_reader_breaks_no_law(case: Case):
     assert broken_laws(reader(), case) == {}
+    assert broken_laws(reader(lines=lines), case) == {}
 
 
 @pytest.mark.parametrize(
@@ -167,6 +182,16 @@ def test_a_right_reader_breaks_no_law(case: Case):
             reader(about_its_mean),
             "later_lines_leave_the_first_rows_as_they_are",
             "must not correct, smooth or resample",
+        ),
+        (
+            reader(lines=off_by_the_head),
+            "lines_that_it_tells_are_those_of_its_rows",
+            "a time that no row of 'gnss' has is told to stand in line",
+        ),
+        (
+            reader(lines=always_the_first),
+            "lines_that_it_tells_are_those_of_its_rows",
+            "rows of 'gnss' that follow each other stand in lines that do not",
         ),
         (reader(sniff=unsure), "it_knows_its_own_file", "it is 0.4 sure of its own file drive.toy"),
         (reader(sniff=silent), "it_knows_its_own_file", "it does not say why it knows drive.toy"),

@@ -126,6 +126,29 @@ def later_lines_leave_the_first_rows_as_they_are(subject: Subject) -> None:
         )
 
 
+def _tells_lines(reader: Reader) -> bool:
+    return reader.lines is not None
+
+
+@law(Reader, when=_tells_lines)
+def lines_that_it_tells_are_those_of_its_rows(subject: Subject) -> None:
+    """Rows that follow each other stand in lines that do, in the file; a time that no row has stands in none."""
+    path, reader = _path(subject), subject.stage
+    assert isinstance(reader, Reader)
+    assert reader.lines is not None
+    count = len(_lines(path))
+    for name, table in _timed(subject.run()).items():
+        t_ns = time_ns(table)
+        told = np.asarray(reader.lines(path, subject.params, name, t_ns))
+        if not told.any():
+            continue  # a file without lines
+        assert told.min() >= 1, f"row {int(told.argmin()) + 1} of '{name}' is told to stand in no line"
+        assert told.max() <= count, f"a row of '{name}' is told to stand in line {told.max()} of {count}"
+        assert (np.diff(told) > 0).all(), f"rows of '{name}' that follow each other stand in lines that do not"
+        nowhere = np.asarray(reader.lines(path, subject.params, name, t_ns[-1:] + 1_000_000_000_000))
+        assert not nowhere.any(), f"a time that no row of '{name}' has is told to stand in line {nowhere[0]}"
+
+
 @law(Reader, when=_sniffs)
 def it_knows_its_own_file(subject: Subject) -> None:
     """A reader is sure of the file that its author calls its own."""
