@@ -92,7 +92,8 @@ def _sentence(rows: Mapping[str, Json]) -> str:
         row = rows.get(name)
         if row is not None and row["value"] is not None:
             found.append(words.format(f"<b>{_with_interval(row)}</b>"))
-    return f'<p class="verdict">{", ".join(found)}.</p>' if found else ""
+    text = ", ".join(found)
+    return f'<p class="verdict">{text[:1].upper()}{text[1:]}.</p>' if found else ""
 
 
 def _with_interval(row: Json) -> str:

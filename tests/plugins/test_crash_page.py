@@ -184,10 +184,15 @@ def test_with_several_crashes_the_page_is_about_the_severest(tmp_path):
 
 def test_without_direction_or_trajectory_the_numbers_are_left(tmp_path):
     page = section(
-        made(tmp_path, learnt=judged(pdof=None), trajectory=pulse().drop_columns([f"accel_{a}" for a in "xyz"]))
+        made(
+            tmp_path,
+            learnt=judged(pdof=None, speed_before=None),
+            trajectory=pulse().drop_columns([f"accel_{a}" for a in "xyz"]),
+        )
     )
     assert "principal direction" not in page
     assert "pulse_accel" not in page
+    assert '<p class="verdict">The velocity changed by' in page
     assert f'<data value="{DELTA_V!r}">' in page
 
 
