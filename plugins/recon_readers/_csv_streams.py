@@ -108,6 +108,8 @@ def _check_limits(sheet: Sheet, group: str, indices: tuple[int, ...], values: Ar
         row, axis = (int(number) for number in np.argwhere(outside)[0])
         what = f"{group} of {values[row, axis]:.6g} {wanted.unit} lies outside {low:g} to {high:g}"
         hint = "check unit and scale in the mapping, name the number under 'invalid', or repair the line"
+        if group == "lat" and abs(values[row, axis]) <= 180.0:
+            hint = f"are latitude and longitude swapped? else {hint}"
         raise sheet.refused(row, indices[axis], what, hint)
 
 

@@ -184,3 +184,10 @@ def test_the_scooter_saturates_at_8_g(capsys, logs):
     found = findings_of([logs / "accidetec_scooter" / "Crashtest.tsv"], "scooter.yaml", capsys)
     assert found["clipping"]["status"] == "contradicted"
     assert found["clipping"]["value"] == pytest.approx(78.5, abs=0.1)
+
+
+def test_a_clock_that_jumps_has_no_lag():
+    jump = next(fault for fault in benchmark.FAULTS if fault.title == "clock_drift, jump")
+    found = by_code(benchmark.findings(jump.drive(102)))
+    assert found["clock_drift"]["value"] == "jump"
+    assert found["gnss_velocity_lag"]["status"] == found["gnss_position_lag"]["status"] == "unknown"

@@ -79,11 +79,16 @@ def _of_both(imu: Imu | None, gnss: Gnss | None, claims: Claims, classes: Sequen
     if gnss is not None:
         clock = clocks.clocks_of(usual, gnss)
         motion = motion_of(imu, gnss, clock.whole_s)
+        drift = clocks.drift(clock, gnss)
+        lags = [clocks.velocity_lag(clock, usual, gnss), clocks.position_lag(clock, gnss)]
+        if drift.value == clocks.JUMP:
+            lags = [
+                unknown(one.code, "One of the clocks jumps, see clock_drift: no lag holds throughout.") for one in lags
+            ]
         found += [
             units.speed_unit(gnss, motion, claims),
-            clocks.velocity_lag(clock, usual, gnss),
-            clocks.position_lag(clock, gnss),
-            clocks.drift(clock, gnss),
+            *lags,
+            drift,
             clocks.leap_seconds(clock),
             clocks.time_zone(clock, imu, gnss),
         ]

@@ -199,7 +199,7 @@ def handedness(axes: Axes | None, claims: Claims) -> Finding:
         return unknown(code, "The accelerometer feels no gravity.")
     if axes.mistake == "left-handed" or axes.mistake.startswith("swap"):
         which = axes.mistake.removeprefix("swap ").replace(" ", " and ")
-        what = "two of them are swapped, or one has the wrong sign"
+        what = "Two of them are swapped, or one has the wrong sign"
         text = (
             "The axes are left-handed: hold thumb, index and middle finger of the right hand along x, y, z and they do "
             f"not fit. {what if axes.mistake == 'left-handed' else f'It looks as if {which} were swapped'}; a left "

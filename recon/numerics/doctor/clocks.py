@@ -37,6 +37,7 @@ from recon.numerics.smoothing.stops import Blocks, block_means
 
 LEAPS: Final = (18.0, 36.0, 37.0)
 """s; GPS and UTC since 2017, twice as much, TAI and UTC."""
+JUMP: Final = "jump"
 _BLOCK_S: Final = 0.1
 _SURE: Final = 3.0
 """Standard deviations from zero."""
@@ -308,7 +309,7 @@ def drift(clocks: Clocks, gnss: Gnss) -> Finding:
             "after, "
             "not both. Cut the log there, or set the later stamps right."
         )
-        return contradicted(code, "jump", text, **numbers).shown_by(picture)
+        return contradicted(code, JUMP, text, **numbers).shown_by(picture)
     if abs(rate) > 4.0 * sigma and abs(rate) * np.ptp(t_s) > _DRIFT:
         text = (
             f"The clocks of GNSS and IMU run apart by {1e3 * abs(rate) * 60:.1f} ms a minute ({1e6 * rate:+.0f} "
@@ -360,9 +361,9 @@ def _line(t_s: Floats, lag_s: Floats, sigma_s: Floats) -> tuple[float, float, fl
 
 
 def _jump(t_s: Floats, lag_s: Floats, sigma_s: Floats) -> tuple[float, float, float]:
-    """Best time of one step, its height, and the weighted sum of squares that is left."""
+    """Best time of one step with two pieces on either side, its height, and the weighted squares that are left."""
     weight, best = sigma_s**-2, (0.0, 0.0, np.inf)
-    for cut in range(1, len(t_s)):
+    for cut in range(2, len(t_s) - 1):
         parts = [(slice(None, cut)), (slice(cut, None))]
         means = [weight[p] @ lag_s[p] / weight[p].sum() for p in parts]
         left = sum(float(weight[p] @ (lag_s[p] - m) ** 2) for p, m in zip(parts, means, strict=True))
