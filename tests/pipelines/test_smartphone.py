@@ -15,6 +15,7 @@ from recon.numerics.evaluation import Statistics
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.signals import interpolate
 from recon.rows import warnings_of
+from recon.storage import write_recording
 from recon.tables import matrix, meta, time_ns, vector
 
 LANDSCAPE = {
@@ -101,3 +102,18 @@ def test_a_town_with_nine_axes_and_a_table_for_each_sensor(boston: Path) -> None
     # The receiver is 0.7 s late, which best_accuracy finds: 4 m at 6 m/s.
     assert apart.rmse < 6.0
     assert "heading" in {row["name"] for row in plain.metrics.to_pylist()}
+
+
+def test_distances_are_measured_between_images_beside_the_log(tmp_path: Path) -> None:
+    made = drive(1)
+    start = int(time_ns(made.recording["imu"])[0]) // 1_000_000
+    write_recording(made.recording, tmp_path / "drive")
+    (tmp_path / "images").mkdir()
+    for second in range(20, 80, 2):
+        (tmp_path / "images" / f"frame_{start + second * 1000}.jpg").touch()
+    run = recon.run("smartphone", [tmp_path / "drive", tmp_path / "images"])
+    moved, truth = run.trajectory.between("#5", "#15"), recon.Trajectory(made.recording["reference"])
+    assert moved.duration == 20.0
+    # Three sigmas of two fixes of 2 m and 1 m, as if they had nothing in common: 3 sqrt(2 (4 + 1)).
+    assert moved.ground_distance == pytest.approx(truth.between(moved.start, moved.stop).ground_distance, abs=9.5)
+    assert np.isnan(moved.ground_distance_sigma)
