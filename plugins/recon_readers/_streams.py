@@ -50,6 +50,8 @@ def stream(
     Raises ReadFailed where most values of a column are impossible: then they are of another unit or format.
     """
     learnt: list[Metric] = []
+    if not len(t_ns):
+        return None, learnt
     found = {name: _possible(source, name, values, learnt) for name, values in groups.items()}
     _without_zero_place(found)
     valued = np.zeros(len(t_ns), dtype=bool)

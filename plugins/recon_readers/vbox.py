@@ -24,7 +24,7 @@ from typing import Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import DataError, ReadFailed
+from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.numerics.axes import turn
 from recon.numerics.geodesy import STANDARD_GRAVITY
@@ -80,7 +80,7 @@ class _File:
 def read(path: Path, params: VboxParams) -> Streams:
     """The stream gnss, and imu where the file holds one and `axes` is given.
 
-    Raises ReadFailed; DataError where a parameter must tell, or contradicts the accelerations.
+    Raises ReadFailed, also where a parameter must tell, or contradicts the accelerations.
     """
     file = _opened(path)
     names = _names(file)
@@ -147,7 +147,7 @@ def _speed_unit(file: _File, params: VboxParams) -> str:
     if "knot" in told:
         return "kn"
     hint = "set reader.vbox.speed_unit to km/h or kn: the positions of a straight stretch tell which one is right"
-    raise DataError(f"{file.path}: its header does not tell the unit of velocity", hint)
+    raise ReadFailed(file.path, "its header does not tell the unit of velocity", line=1, hint=hint)
 
 
 def _dated(file: _File, clock_ns: Times, good: Mask) -> tuple[Times, dict[str, str], list[Metric]]:
@@ -200,7 +200,7 @@ def _gnss(lines: Lines, t_ns: Times, missing: Mask, speed_unit: str) -> tuple[pa
 
 
 def _imu(lines: Lines, t_ns: Times, missing: Mask, params: VboxParams) -> tuple[pa.Table | None, list[Metric]]:
-    """The IMU along forward, left, up. Raises DataError where it reads -1 g upwards at rest."""
+    """The IMU along forward, left, up. Raises ReadFailed where it reads -1 g upwards at rest."""
     there = set(lines.table.column_names)
     if not there.issuperset((*ACCEL, *RATES)):
         return None, []
@@ -216,7 +216,8 @@ def _imu(lines: Lines, t_ns: Times, missing: Mask, params: VboxParams) -> tuple[
         what = (
             f"with axes {params.axes} and at_rest {params.at_rest} the IMU feels {np.nanmedian(accel[:, 2]):.2f} m/s^2"
         )
-        raise DataError(f"{lines.path}: {what} upwards, where a vehicle feels +9.8", "correct axes or at_rest")
+        what = f"{what} upwards, where a vehicle feels +9.8"
+        raise ReadFailed(lines.path, what, line=lines.first_line, hint="correct axes or at_rest")
     made, learnt = stream(
         Source(lines.path, "imu", lines.line), IMU, t_ns, missing, {"accel": accel, "gyro": np.radians(gyro)}
     )

@@ -276,3 +276,160 @@ def kitti(rows: int = 30) -> dict[str, bytes]:
         text = " ".join(f"{value:.13g}" for value in [*numbers, 0.05, 0.02]) + " 4 12 5 5 6"
         files[f"oxts/data/{row:010d}.txt"] = text.encode()
     return files
+
+
+# --- NovAtel --------------------------------------------------------------------------------------------------------
+
+
+def _crc(data: bytes) -> int:
+    """CRC-32 bit by bit, as the manual of the receivers has it."""
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xEDB88320 if crc & 1 else 0)
+    return crc
+
+
+def novatel_text(name: str, tow_s: float, fields: str) -> bytes:
+    """A log in ASCII."""
+    body = f"{name}A,COM1,0,65.0,FINESTEERING,{WEEK},{tow_s:.3f},02000020,cdba,16809;{fields}"
+    return f"#{body}*{_crc(body.encode()):08x}\r\n".encode()
+
+
+def novatel_binary(number: int, tow_s: float, payload: bytes) -> bytes:
+    """A log with the long binary header."""
+    head = b"\xaa\x44\x12" + struct.pack(
+        "<BHBBHHBBHIIHH", 28, number, 0, 32, len(payload), 0, 0, 180, WEEK, round(tow_s * 1000), 0, 0, 0
+    )
+    return head + payload + struct.pack("<I", _crc(head + payload))
+
+
+def _novatel_rows(rows: int) -> list[tuple[float, list[float]]]:
+    """Time of week and lat, lon, height, speed, course deg."""
+    table = gnss(rows)
+    names = ("lat", "lon", "height", "speed", "course")
+    columns = np.column_stack([vector(table, name) for name in names])
+    columns[:, 4] = np.degrees(columns[:, 4])
+    return list(zip(np.round(_of_week(table), 3).tolist(), columns.tolist(), strict=True))
+
+
+def novatel_ascii(rows: int = GNSS_ROWS) -> bytes:
+    """BESTPOSA, BESTVELA with a latency, INSPVAXA; heights above the geoid, which lies 40 m above the ellipsoid."""
+    parts = []
+    for tow_s, (lat, lon, height, speed, course) in _novatel_rows(rows):
+        place = f"{lat:.11f},{lon:.11f},{height - 40:.4f}"
+        pos = f"SOL_COMPUTED,NARROW_INT,{place},40.0000,WGS84,0.0101,0.0202,0.0303,"
+        parts.append(novatel_text("BESTPOS", tow_s, f'{pos}"AAAA",1.000,0.000,35,30,30,28,00,06,39,33'))
+        vel = f"SOL_COMPUTED,DOPPLER_VELOCITY,0.150,0.000,{speed:.4f},{course:.6f},0.0000,0.0"
+        parts.append(novatel_text("BESTVEL", tow_s + 0.15, vel))
+        moving = f"{speed * np.cos(np.radians(course)):.4f},{speed * np.sin(np.radians(course)):.4f},0.0000"
+        ins = f"INS_SOLUTION_GOOD,INS_RTKFIXED,{place},40.0000,{moving},1.5,-2.5,{course:.9f}"
+        parts.append(novatel_text("INSPVAX", tow_s, f"{ins}{',0.01' * 9},00000000,0"))
+    return b"".join(parts)
+
+
+def novatel_packets(rows: int = GNSS_ROWS) -> bytes:
+    """BESTPOS, BESTVEL and CORRIMUDATA in binary, with other bytes between."""
+    parts = [b"\xd4\xc3\xb2\xa1 a capture"]
+    inertial = imu(20 * rows)
+    t_s, accel, gyro = np.round(_of_week(inertial), 3), matrix(inertial, "accel"), matrix(inertial, "gyro")
+    for row, (tow_s, (lat, lon, height, speed, course)) in enumerate(_novatel_rows(rows)):
+        pos = struct.pack("<IIdddfIfff4sffBBBBBBBB", 0, 50, lat, lon, height - 40, 40.0, 61, 0.0101, 0.0202, 0.0303,
+                          b"AAAA", 1.0, 0.0, 12, 10, 10, 9, 0, 0, 0, 0)  # fmt: skip
+        parts += [novatel_binary(42, tow_s, pos), b"\0\x01 packet "]
+        parts.append(novatel_binary(99, tow_s, struct.pack("<IIffdddf", 0, 8, 0.0, 0.0, speed, course, 0.0, 0.0)))
+        for at in range(20 * row, 20 * row + 20, 2):
+            turned = [gyro[at, 1] * -1, gyro[at, 0], gyro[at, 2], -accel[at, 1], accel[at, 0], accel[at, 2]]
+            step = 0.02 * np.array(turned)
+            parts.append(novatel_binary(812, t_s[at] + 0.01, struct.pack("<Id6d", WEEK, t_s[at], *step)))
+    return b"".join(parts)
+
+
+# --- NHTSA ----------------------------------------------------------------------------------------------------------
+
+
+def nhtsa(rows: int = 400) -> dict[str, bytes]:
+    """Two places of the vehicle, one of a dummy: a half sine of -30 g in 100 ms, along x; z downwards."""
+    t_s = -0.05 + 1e-3 * np.arange(rows)
+    pulse = np.where((t_s >= 0) & (t_s <= 0.1), -30 * np.sin(np.pi * t_s / 0.1), 0.0)
+    sensors = [
+        "1|1|AC|01|HDCG|XL|SEC|G'S|2800|MFG|11/AUG/2017|1200|4|57.09|-50|299|1000|AM|P|DRIVER HEAD X",
+        "1|2|AC|NA|FLLR|XG|SEC|G'S|2800|MFG|12/APR/2017|800|21|57.09|-50|299|1000|AM|P|LEFT REAR X",
+        "1|3|AC|NA|FLLR|ZG|SEC|G'S|2800|MFG|12/APR/2017|800|21|0.0|-50|299|1000|AM|P|LEFT REAR Z",
+        "1|4|AC|NA|ENGN|XG|SEC|G'S|2800|MFG|12/APR/2017|800|21|57.09|-50|299|1000|AM|P|TOP OF ENGINE X",
+        "1|5|AV|NA|FLLR|ZG|SEC|DPS|2800|MFG|12/APR/2017|800|21|0.0|-50|299|1000|AM|P|LEFT REAR YAW RATE",
+    ]
+    test = "V5|NCAP|OBJECTIVE|03/OCT/2017|MGA|CON|REF|NCA|VTB|CON|DRY|22|OTH|OTH|57.09|0|0|0|5|REMARK"
+    lines = ["# Source: made for a test", "----- EV5 -----", "----- TEST -----", test]
+    lines += ["----- INSTRUMENTATION -----", *sensors, "----- END -----", ""]
+    curves = {2: pulse, 3: 0.1 * pulse, 4: 1.2 * pulse, 5: 2.0 * pulse}
+    files = {
+        f"v1.{number:03d}": "".join(f"{t:.6f}\t{value:.6f}\n" for t, value in zip(t_s, curve, strict=True)).encode()
+        for number, curve in curves.items()
+    }
+    return {"v1.EV5": "\n".join(lines).encode("latin-1"), **files}
+
+
+# --- GPMF -----------------------------------------------------------------------------------------------------------
+
+
+def klv(key: str, kind: str, size: int, count: int, raw: bytes) -> bytes:
+    """An entry of GPMF."""
+    return key.encode() + kind.encode("latin-1") + struct.pack(">BH", size, count) + raw + b"\0" * (-len(raw) % 4)
+
+
+def nest(key: str, *entries: bytes) -> bytes:
+    """Entries inside one."""
+    raw = b"".join(entries)
+    return klv(key, "\0", 1, len(raw), raw)
+
+
+def gpmf_payloads(seconds: int = 3, *, stamps_us: bool = True) -> list[bytes]:
+    """A second of 100 Hz of imu each, in the order Y, -X, Z of the camera, and its GPS at 5 Hz."""
+    inertial, table = imu(100 * seconds), gnss(20 * seconds)
+    accel, gyro = matrix(inertial, "accel"), matrix(inertial, "gyro")
+    found = []
+    for second in range(seconds):
+        rows = slice(100 * second, 100 * second + 100)
+        stamp = [klv("STMP", "J", 8, 1, struct.pack(">Q", 1_000_000 * second))] if stamps_us else []
+        streams = []
+        for key, values, scale in (("ACCL", accel[rows], 418), ("GYRO", np.asarray(gyro[rows]), 3755)):
+            order = np.column_stack([values[:, 0], values[:, 1], values[:, 2]])  # Y forward, -X left, Z up
+            raw = np.clip(np.round(order * scale), -32768, 32767).astype(">i2").tobytes()
+            about = [klv("SCAL", "s", 2, 1, struct.pack(">h", scale)), klv("ORIN", "c", 1, 3, b"YxZ")]
+            streams.append(nest("STRM", *stamp, *about, klv(key, "s", 6, 100, raw)))
+        part = table.slice(20 * second, 20).take(list(range(0, 20, 4)))
+        place = np.column_stack([vector(part, "lat") * 1e7, vector(part, "lon") * 1e7, vector(part, "height") * 1e3])
+        speed = vector(part, "speed")[:, None] * (1e3, 1e2)
+        raw = np.round(np.column_stack([place, speed])).astype(">i4").tobytes()
+        utc = f"251008100{second // 60}{second % 60:02d}.000".encode()
+        about = [klv("GPSF", "L", 4, 1, struct.pack(">I", 3)), klv("GPSU", "U", 16, 1, utc)]
+        about.append(klv("SCAL", "l", 4, 5, struct.pack(">5i", 10**7, 10**7, 1000, 1000, 100)))
+        streams.append(nest("STRM", *stamp, *about, klv("GPS5", "l", 20, 5, raw)))
+        found.append(nest("DEVC", klv("DVID", "L", 4, 1, struct.pack(">I", 1)), *streams))
+    return found
+
+
+def box(name: bytes, *contents: bytes) -> bytes:
+    """A box of an MP4."""
+    raw = b"".join(contents)
+    return struct.pack(">I", 8 + len(raw)) + name + raw
+
+
+def mp4(payloads: list[bytes]) -> bytes:
+    """A film without pictures: a track of format gpmd, of samples of one second."""
+    start = box(b"ftyp", b"mp41\0\0\0\0")
+    sizes = [len(payload) for payload in payloads]
+    first = len(start) + 8
+    offsets = [first + sum(sizes[:index]) for index in range(len(sizes))]
+    table = box(
+        b"stbl",
+        box(b"stsd", struct.pack(">II", 0, 1), box(b"gpmd", b"\0" * 8)),
+        box(b"stts", struct.pack(">IIII", 0, 1, len(sizes), 1000)),
+        box(b"stsz", struct.pack(f">III{len(sizes)}I", 0, 0, len(sizes), *sizes)),
+        box(b"stsc", struct.pack(">IIIII", 0, 1, 1, 1, 1)),
+        box(b"stco", struct.pack(f">II{len(sizes)}I", 0, len(sizes), *offsets)),
+    )
+    header = box(b"mdhd", struct.pack(">IIIII", 0, 0, 0, 1000, 1000 * len(sizes)), b"\0" * 4)
+    return start + box(b"mdat", *payloads) + box(b"moov", box(b"trak", box(b"mdia", header, box(b"minf", table))))

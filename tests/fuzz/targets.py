@@ -369,6 +369,13 @@ def logger_samples() -> dict[str, list[Sample]]:
         "sbet": [{"sbet.out": log_files.sbet(30)}],
         "kf_gins": [kf_gins, *({name: content} for name, content in kf_gins.items())],
         "kitti": [log_files.kitti(6)],
+        "novatel": [{"logs.asc": log_files.novatel_ascii(8)}, {"logs.pcap": log_files.novatel_packets(6)}],
+        "nhtsa": [log_files.nhtsa(40)],
+        "gpmf": [
+            {"GX01.MP4": log_files.mp4(log_files.gpmf_payloads(3))},
+            {"GX02.MP4": log_files.mp4(log_files.gpmf_payloads(3, stamps_us=False))},
+            {"payloads.raw": b"".join(log_files.gpmf_payloads(3))},
+        ],
     }
 
 
@@ -381,7 +388,7 @@ def logger_target(name: str) -> Target:
     return Target(lambda: logger_samples()[name], read_by(f"reader.{name}", *given))
 
 
-LOGGERS: Final = ("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti")
+LOGGERS: Final = ("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti", "novatel", "nhtsa", "gpmf")
 
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _CHANNELS: Final = Override.from_data("reader.mf4.channels", measurement_logs.CHANNELS)

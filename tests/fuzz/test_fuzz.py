@@ -20,6 +20,7 @@ def fuzz(target: str, cases: int = CASES, script: Path = HERE / "run.py") -> sub
 TARGETS = [
     *("physycom", "csv", "yaml", "parquet", "mcap"),
     *("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti"),
+    *("novatel", "nhtsa", "gpmf"),
     *("foreign_mcap", "rosbag", "ulog", "ardupilot", "mf4"),
 ]
 

@@ -46,7 +46,9 @@ MEASURED = FOLDER / "drive.mf4"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
 NMEA, UBX, VBO = (FOLDER / name for name in ("drive.nmea", "drive.ubx", "drive.vbo"))
 GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "drive.pos", "sbet.out"))
-KF_GINS, KITTI, EDR = FOLDER / "kf_gins", FOLDER / "kitti", FOLDER / "edr.csv"
+KF_GINS, KITTI, NHTSA = FOLDER / "kf_gins", FOLDER / "kitti", FOLDER / "nhtsa"
+NOVATEL, PACKETS, GOPRO, GPMF = (FOLDER / name for name in ("logs.asc", "logs.pcap", "GX01.MP4", "payloads.raw"))
+EDR = FOLDER / "edr.csv"
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -106,6 +108,11 @@ def logs() -> dict[Path, bytes]:
         EDR: b"Times (sec),Speed (km/h)\n-1,50\n0,48\n\nTime (msec),Delta-V longitudinal (km/h)\n0,0\n10,-2\n",
         **{KF_GINS / name: content for name, content in log_files.kf_gins().items()},
         **{KITTI / name: content for name, content in log_files.kitti().items()},
+        **{NHTSA / name: content for name, content in log_files.nhtsa().items()},
+        NOVATEL: log_files.novatel_ascii(50),
+        PACKETS: log_files.novatel_packets(),
+        GOPRO: log_files.mp4(log_files.gpmf_payloads(3)),
+        GPMF: b"".join(log_files.gpmf_payloads(3)),
     }
 
 
@@ -297,6 +304,21 @@ def test_edr_csv(law: BoundLaw) -> None:
 
 @contract("reader.kitti", cases=[Case(path=KITTI)])
 def test_reader_kitti(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.novatel", cases=[Case("ascii", path=NOVATEL), Case("packets", path=PACKETS)])
+def test_reader_novatel(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.nhtsa", cases=[Case("folder", path=NHTSA), Case("channel", path=NHTSA / "v1.EV5")])
+def test_reader_nhtsa(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.gpmf", cases=[Case("video", path=GOPRO), Case("raw", path=GPMF)])
+def test_reader_gpmf(law: BoundLaw) -> None:
     law()
 
 

@@ -11,7 +11,7 @@ from fuzz import log_files
 import recon
 import recon_readers.vbox
 from recon import Streams
-from recon.errors import DataError, ReadFailed
+from recon.errors import ReadFailed
 from recon.rows import warnings_of
 from recon.tables import matrix, meta, time_ns, vector
 from recon_readers.vbox import VboxParams
@@ -45,7 +45,7 @@ def test_the_axes_of_the_imu_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_axes_that_contradict_gravity_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"feels -9\.\d\d m/s\^2 upwards") as caught:
+    with pytest.raises(ReadFailed, match=r"feels -9\.\d\d m/s\^2 upwards") as caught:
         read(tmp_path, log_files.vbo(), axes="FRD")
     assert caught.value.hint == "correct axes or at_rest"
 
@@ -55,7 +55,7 @@ def test_knots_are_read_from_the_header_and_a_missing_unit_is_asked_for(tmp_path
     in_km_h = read(tmp_path, log_files.vbo())["gnss"]
     np.testing.assert_allclose(vector(in_knots, "speed"), vector(in_km_h, "speed") * 1.852, rtol=1e-12)
     silent = log_files.vbo().replace(b"velocity kmh", b"velocity")
-    with pytest.raises(DataError, match="does not tell the unit of velocity"):
+    with pytest.raises(ReadFailed, match="does not tell the unit of velocity"):
         read(tmp_path, silent)
     assert read(tmp_path, silent, speed_unit="km/h")["gnss"].equals(in_km_h)
 
