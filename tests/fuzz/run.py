@@ -21,7 +21,7 @@ from typing import Final
 from targets import TARGETS
 
 WORKER: Final = Path(__file__).with_name("worker.py")
-CASES_OF_A_WORKER: Final = 250
+CASES_OF_A_WORKER: Final = 1250
 
 
 def campaign(target: str, first: int, cases: int, worker: Path) -> tuple[Counter[str], dict[int, str]]:

@@ -27,8 +27,10 @@ from recon.form import is_batch
 from recon.overrides import Override
 from recon.pipeline import shipped
 from recon.rows import Event
+from recon.schema import unnumbered
 from recon.stages import Reader
 from recon.storage import mcap, write_recording
+from recon.tables import conform
 from recon.validation import validate_pipeline
 from recon.yaml_nodes import load_file
 
@@ -356,39 +358,46 @@ def _files(folder: Path, ending: str = "") -> Sample:
 # --- formats of loggers ----------------------------------------------------------------------------------------------
 
 
-def logger_samples() -> dict[str, list[Sample]]:
-    """By reader, short logs as its format says."""
-    kf_gins = log_files.kf_gins(6)
-    return {
-        "nmea": [{"drive.nmea": log_files.nmea(20)}],
-        "ubx": [{"drive.ubx": log_files.ubx(10)}],
-        "vbox": [{"drive.vbo": log_files.vbo(20)}],
-        "gpx": [{"drive.gpx": log_files.gpx(20)}],
-        "kml": [{"drive.kml": log_files.kml(20)}],
-        "rtklib": [{"drive.pos": log_files.rtklib(20)}],
-        "sbet": [{"sbet.out": log_files.sbet(30)}],
-        "kf_gins": [kf_gins, *({name: content} for name, content in kf_gins.items())],
-        "kitti": [log_files.kitti(6)],
-        "novatel": [{"logs.asc": log_files.novatel_ascii(8)}, {"logs.pcap": log_files.novatel_packets(6)}],
-        "nhtsa": [log_files.nhtsa(40)],
-        "gpmf": [
-            {"GX01.MP4": log_files.mp4(log_files.gpmf_payloads(3))},
-            {"GX02.MP4": log_files.mp4(log_files.gpmf_payloads(3, stamps_us=False))},
-            {"payloads.raw": b"".join(log_files.gpmf_payloads(3))},
-        ],
-    }
-
-
-_GIVEN: Final = {"ubx": ("at_rest", "up"), "vbox": ("axes", "FLU")}
+_LOGS: Final[Mapping[str, Callable[[], list[Sample]]]] = {
+    "nmea": lambda: [{"drive.nmea": log_files.nmea(20)}],
+    "ubx": lambda: [{"drive.ubx": log_files.ubx(10)}],
+    "vbox": lambda: [{"drive.vbo": log_files.vbo(20)}],
+    "gpx": lambda: [{"drive.gpx": log_files.gpx(20)}],
+    "kml": lambda: [{"drive.kml": log_files.kml(20)}],
+    "rtklib": lambda: [{"drive.pos": log_files.rtklib(20)}],
+    "sbet": lambda: [{"sbet.out": log_files.sbet(30)}],
+    "kf_gins": lambda: [(files := log_files.kf_gins(6)), *({name: content} for name, content in files.items())],
+    "kitti": lambda: [log_files.kitti(6)],
+    "novatel": lambda: [{"logs.asc": log_files.novatel_ascii(8)}, {"logs.pcap": log_files.novatel_packets(6)}],
+    "nhtsa": lambda: [log_files.nhtsa(40)],
+    "gpmf": lambda: [
+        {"GX01.MP4": log_files.mp4(log_files.gpmf_payloads(3))},
+        {"GX02.MP4": log_files.mp4(log_files.gpmf_payloads(3, stamps_us=False))},
+        {"payloads.raw": b"".join(log_files.gpmf_payloads(3))},
+    ],
+}
+"""By reader, short logs as its format says."""
+_GIVEN: Final[Mapping[str, Mapping[str, Any]]] = {"ubx": {"at_rest": "up"}, "vbox": {"axes": "FLU"}}
 """Parameters without which a reader leaves a stream out."""
 
 
 def logger_target(name: str) -> Target:
-    given = [Override.from_data(f"reader.{name}.{_GIVEN[name][0]}", _GIVEN[name][1])] if name in _GIVEN else []
-    return Target(lambda: logger_samples()[name], read_by(f"reader.{name}", *given))
+    """Ask a reader of one format, then let it read, without the bookkeeping of a run; rows must be as it declares."""
+    key = f"reader.{name}"
 
+    def attempt(path: Path) -> None:
+        reader = registry().get(key)
+        assert isinstance(reader, Reader)
+        assert reader.sniff is not None
+        reader.sniff(path, b"" if path.is_dir() else path.read_bytes()[:HEAD_BYTES])
+        params = reader.params(**_GIVEN.get(name, {}))
+        declared = reader.outputs({}, params)
+        for stream, table in reader.run(path=path, params=params).items():
+            home = stream if stream in declared else unnumbered(stream)
+            conform(table, declared[home], stream=stream, step=key).validate(full=True)
 
-LOGGERS: Final = ("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti", "novatel", "nhtsa", "gpmf")
+    return Target(_LOGS[name], attempt)
+
 
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _CHANNELS: Final = Override.from_data("reader.mf4.channels", measurement_logs.CHANNELS)
@@ -400,7 +409,7 @@ TARGETS: Final[dict[str, Target]] = {
     "yaml": Target(yaml_samples, validate),
     "parquet": Target(parquet_samples, read_by("reader.parquet")),
     "mcap": Target(mcap_samples, read_by("reader.mcap")),
-    **{name: logger_target(name) for name in LOGGERS},
+    **{name: logger_target(name) for name in _LOGS},
     "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
     "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
     "mf4": Target(mf4_samples, read_by("reader.mf4", _CHANNELS)),
