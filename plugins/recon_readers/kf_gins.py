@@ -44,6 +44,8 @@ from recon_readers._streams import Source, reference_groups, stream
 from recon_readers._time_order import Mask, Times, in_order
 
 LOOK_AT: Final = 50
+MOST_FILES: Final = 50
+"""Of a folder are looked at: a log of KF-GINS has three or four."""
 LONGEST_STEP_S: Final = 0.2
 """Between rows of an IMU; behind a longer one an increment has no rate."""
 GRAVITY: Final = (7.0, 13.0)
@@ -69,7 +71,7 @@ def read(path: Path, params: KfGinsParams) -> Streams:
 
     Raises ReadFailed, and DataError where two files contradict each other.
     """
-    kinds = {file: kind for file in _files(path) if (kind := _kind(_top(file.read_bytes()[:HEAD_BYTES])))}
+    kinds = {file: kind for file in _files(path) if (kind := _kind(_top(_head(file))))}
     if not kinds:
         raise ReadFailed(path, "it holds no table of KF-GINS", line=1, hint="7, 11 or 13 columns parted by blanks")
     tables = {file: _table(file, LAYOUTS[kind]) for file, kind in kinds.items()}
@@ -107,7 +109,8 @@ def sniff(path: Path, head: bytes) -> Sniff:
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    return sorted(file for file in path.iterdir() if file.is_file() and file.suffix.lower() in _SUFFIXES)
+    found = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES and file.is_file())
+    return found[:MOST_FILES]
 
 
 def _head(file: Path) -> bytes:
