@@ -30,6 +30,7 @@ INPUTS: Final = "inputs"
 RESULTS: Final = "results"
 EXPORTS: Final = "exports"
 
+_NO_CODE: Final = (".pyc", ".md", ".png")
 _KEPT: Final = ("python", "packages")
 _REQUIREMENT: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
@@ -107,10 +108,15 @@ def _processor() -> str:
 
 
 def _code_digest(package: str) -> str:
-    """SHA-256 over the names and contents of a package's Python files; "" where it has none on disk."""
+    """SHA-256 over the names and contents of a package's code and data; "" where it has none on disk."""
     spec = find_spec(package) if package else None
     folders = [Path(place) for place in (spec.submodule_search_locations or ())] if spec else []
-    files = sorted((path.relative_to(folder).as_posix(), path) for folder in folders for path in folder.rglob("*.py"))
+    files = sorted(
+        (path.relative_to(folder).as_posix(), path)
+        for folder in folders
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix not in _NO_CODE
+    )
     if not files:
         return ""
     found = hashlib.sha256()

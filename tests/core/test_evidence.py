@@ -27,6 +27,7 @@ from recon.errors import ConfigError, DataError, Difference, PluginNotFound, Rea
 from recon.evidence import archive, contents
 from recon.evidence.sameness import farthest_in_sigmas, unlike, unlike_data, unlike_numbers
 from recon.evidence.verification import check_bytes
+from recon.registry import Registry, Source
 
 
 @pytest.fixture(scope="module")
@@ -444,9 +445,27 @@ def test_a_run_of_tables_in_memory_has_no_log_to_seal(place, tmp_path):
         evidence.seal(tmp_path / "run", tmp_path / "run.zip")
 
 
-def test_a_stage_that_is_not_installed_is_named_with_its_distribution(sealed):
-    from recon.registry import Registry
+def test_the_code_that_is_hashed_holds_its_data_and_what_python_makes_of_it_not(tmp_path, monkeypatch):
+    """A limit in a data file changes results as a line of code does."""
+    package = tmp_path / "stages_of_ours"
+    (package / "__pycache__").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "limits.yaml").write_text("a: 1")
+    monkeypatch.syspath_prepend(str(tmp_path))
 
+    def digest():
+        source = Source("ours", "1.0", "stages_of_ours.one")
+        return next(part["sha256"] for part in contents.versions_of([source])["code"] if part["package"] != "recon")
+
+    before = digest()
+    (package / "__pycache__" / "one.cpython-311.pyc").write_bytes(b"x")
+    (package / "README.md").write_text("words")
+    assert digest() == before
+    (package / "limits.yaml").write_text("a: 2")
+    assert digest() != before
+
+
+def test_a_stage_that_is_not_installed_is_named_with_its_distribution(sealed):
     with pytest.raises(PluginNotFound, match=r"its stage 'filter\.moving_average' is not installed here") as caught:
         evidence.verify(sealed, registry=Registry.installed(block=["filter.moving_average"]))
     assert caught.value.hint == f"pip install recon-dynamics=={recon.__version__}"
