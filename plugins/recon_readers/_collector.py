@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -45,8 +46,9 @@ class Collector:
         self._messages: list[bytes] = []
         self._logged: list[int] = []
         self._size = 0
-        self._columns: dict[str, list[Array]] = {path: [] for path in self._paths}
-        self._times: dict[str, list[Times]] = {path: [] for path in ("", *self._stamps)}
+        # arrays that grow in place: many small ones, freed column by column, would leave holes as large as themselves
+        self._columns = {path: array("d") for path in self._paths}
+        self._times = {path: array("q") for path in ("", *self._stamps)}
         self.broken = 0
 
     def add(self, language: Language, message: bytes, logged_ns: int) -> None:
@@ -67,11 +69,12 @@ class Collector:
         values, whole = self._language.read(self._messages, [*self._paths, *names])
         self.broken += int((~whole).sum())
         for path in self._paths:
-            self._columns[path].append(values[path][whole])
+            self._columns[path].frombytes(values[path][whole].tobytes())
         for stamp in self._stamps:
             seconds, nanoseconds = (np.nan_to_num(values[f"{stamp}.{part}"][whole]) for part in self._language.stamp)
-            self._times[stamp].append(_whole(seconds) * NS + _whole(nanoseconds))
-        self._times[""].append(np.array(self._logged, dtype=np.uint64).astype(np.int64)[whole])
+            self._times[stamp].frombytes((_whole(seconds) * NS + _whole(nanoseconds)).tobytes())
+        logged = np.array(self._logged, dtype=np.uint64).astype(np.int64)
+        self._times[""].frombytes(logged[whole].tobytes())
         self._messages, self._logged, self._size = [], [], 0
 
     def times(self, stamp: str) -> Times:
@@ -81,7 +84,7 @@ class Collector:
         """
         self._decode()
         for path in ("",) if not stamp else (stamp, _OTHER_STAMP):
-            found = np.concatenate(self._times[path]) if self._times[path] else np.zeros(0, dtype=np.int64)
+            found = np.frombuffer(self._times[path], dtype=np.int64)
             if found.any():
                 return found
         return np.zeros(0, dtype=np.int64)
@@ -89,10 +92,7 @@ class Collector:
     def numbers(self, path: str) -> Array:
         """(n,) numbers at a path, in the order of the messages."""
         self._decode()
-        parts = self._columns[path]
-        joined = np.concatenate(parts) if parts else np.zeros(0)
-        self._columns[path] = [joined]
-        return joined
+        return np.frombuffer(self._columns[path], dtype=np.float64)
 
 
 def _whole(values: Array) -> Times:

@@ -97,7 +97,9 @@ class Bag:
         if op == _MESSAGE:
             self.taken += 1
             channel = self.channels.get(_number(fields.get(b"conn", b"")))
-            if channel is not None:
+            if channel is not None and channel.topic.collector is None:
+                channel.topic.count += 1
+            elif channel is not None:
                 seconds, nanoseconds = _numbers(fields.get(b"time", b""))
                 channel.add(file.read(length), seconds * _NS + nanoseconds)
         elif op == _CHUNK:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import ros_logs
+from benchmarks.reading import write_bag
 
 import recon
 import recon_readers.rosbag
@@ -138,6 +141,24 @@ def two_imus(folder: Path) -> Path:
             for _, name, t_ns, message in imu:
                 bag.write(connection, t_ns, types.serialize_cdr(message, name))
     return folder / "two"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files have no holes there unless told so")
+def test_ten_gigabytes_with_a_camera_are_read_in_little_memory(tmp_path: Path) -> None:
+    """The images are holes in the file; the process may hold 2 GB, and holds a tenth of that."""
+    path = tmp_path / "camera.bag"
+    write_bag(path, 1e10, image=2_500_000_000)
+    lines = [
+        "import resource, sys; from pathlib import Path; from recon_readers.rosbag import read",
+        "from recon_readers._topics import TopicParams",
+        "print(read(Path(sys.argv[1]), TopicParams())['imu'].num_rows)",
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == 'darwin' else 1024))",
+    ]
+    command = [sys.executable, "-c", "\n".join(lines), str(path)]
+    rows, peak = map(int, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+    assert path.stat().st_size > 1e10
+    assert rows == 8_000
+    assert peak < 400e6
 
 
 # --- damage ---------------------------------------------------------------------------------------------------------
