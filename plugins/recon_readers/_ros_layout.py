@@ -116,7 +116,7 @@ def read_numbers(
     values = {path: np.full(len(messages), np.nan) for path in paths}
     whole = np.zeros(len(messages), dtype=bool)
     sizes = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
-    for size in np.unique(sizes).tolist():
+    for size in np.unique(sizes[sizes > 0]).tolist():
         rows = np.flatnonzero(sizes == size)
         joined = np.frombuffer(b"".join([messages[row] for row in rows.tolist()]), dtype=np.uint8).reshape(-1, size)
         left = np.arange(len(rows))

@@ -18,6 +18,8 @@ from recon_readers._mcap_channels import ros_language, unread
 from recon_readers._topics import Channel, Intake
 
 MAGIC: Final = b"SQLite format 3\0"
+_DAMAGED: Final = (sqlite3.Error, UnicodeDecodeError)
+"""What SQLite says of a damaged file may itself be damaged text."""
 _AGAIN: Final = "copy it again, or repair it with 'sqlite3 FILE .recover'"
 
 
@@ -27,7 +29,7 @@ def take_in(path: Path, intake: Intake) -> None:
         bag.text_factory = lambda data: data.decode("utf-8", "replace")
         try:
             channels = _channels(bag, intake)
-        except sqlite3.Error as error:
+        except _DAMAGED as error:
             raise ReadFailed(path, f"it is no whole ROS 2 bag: {error}", hint=_AGAIN) from error
         taken = 0
         try:
@@ -35,7 +37,7 @@ def take_in(path: Path, intake: Intake) -> None:
                 if isinstance(data, bytes) and isinstance(logged_ns, int) and 0 <= logged_ns < 2**63:
                     taken += 1
                     channels[number].add(data, logged_ns)
-        except sqlite3.Error as error:
+        except _DAMAGED as error:
             text = f"{path.name} is damaged ({error}): {taken} messages before that place are used"
             intake.learnt += [Metric("damaged_places", 1.0, note=path.name), warning(f"{text}; {_AGAIN}")]
 
@@ -70,7 +72,7 @@ def _counts(bag: sqlite3.Connection) -> dict[int, int]:
     """Messages by topic; none where the file is damaged."""
     try:
         return dict(bag.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-    except sqlite3.Error:
+    except _DAMAGED:
         return {}
 
 
@@ -79,5 +81,5 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     try:
         rows = bag.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
         return {name: (language, text) for name, language, text in rows}
-    except sqlite3.OperationalError:
+    except _DAMAGED:
         return {}
