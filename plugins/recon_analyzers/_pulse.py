@@ -28,6 +28,8 @@ _MOST_RATE: Final = 2000.0
 _QUIET_S: Final = (1.5, 0.05)
 """s before time zero from which noise is told."""
 _SMOOTH_S: Final = 0.1
+LINEARITY: Final = 0.004
+"""Sigma of the further scale error at the accelerations of an impact; data sheets allow 0.5 % of full scale."""
 _WAKE_UP: Final = (0.8 / 3.6, 0.02)
 """m/s and s, by which time zero is found."""
 
@@ -153,7 +155,7 @@ class Known:
         facts = meta(self.trajectory) if self.trajectory is not None else {}
         return Doubt(
             bias=bias,
-            scale=typical(self.sensor_class, "accel_scale"),
+            scale=float(np.hypot(typical(self.sensor_class, "accel_scale"), LINEARITY)),
             tilt=np.array(tilt),
             gyro_bias=typical(self.sensor_class, "gyro_bias") if self.trajectory is None else 0.0,
             gyro_scale=typical(self.sensor_class, "gyro_scale"),

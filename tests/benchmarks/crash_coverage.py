@@ -27,7 +27,7 @@ from recon.numerics.rotation import from_rotvec, rotate
 from recon.schema import IMU, Change
 from recon.sensor_classes import typical
 from recon.tables import Array, build, matrix, time_ns
-from recon_analyzers._pulse import motion_of, pulse_at
+from recon_analyzers._pulse import LINEARITY, motion_of, pulse_at
 from recon_analyzers.crash import CrashParams, analyze_crash, measures
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
@@ -73,7 +73,7 @@ def a_pulse(seed: int) -> Told:
     gyro[:, 2] = pulses.pulse(t_s, pulses.ZERO_S, 0.8) * rng.normal(0.0, 0.4)
     value = partial(typical, "consumer_mems")
     tilt = rng.normal(0.0, np.radians(1.0), 3)
-    seen = (1.0 + rng.normal(0.0, value("accel_scale"), 3)) * rotate(from_rotvec(tilt), true)
+    seen = (1.0 + rng.normal(0.0, np.hypot(value("accel_scale"), LINEARITY), 3)) * rotate(from_rotvec(tilt), true)
     seen += rng.normal(0.0, value("accel_bias"), 3) + rng.normal(0.0, rng.uniform(0.05, 0.5), true.shape)
     turn = (1.0 + rng.normal(0.0, value("gyro_scale"))) * gyro + rng.normal(0.0, value("gyro_bias"), 3)
     imu = build(VEHICLE, time=np.rint(t_s * 1e9).astype(np.int64), accel=seen, gyro=turn)
