@@ -131,7 +131,7 @@ def _with_units(stage: str, params: Json) -> Json:
     if stage != "aligner.time_offset":
         return params
     units = {"shift": "s", "drift": "us/s"}
-    return {key: f"{value:g} {units[key]}" for key, value in params.items()}
+    return {key: f"{value:.9g} {units[key]}" for key, value in params.items()}
 
 
 def merged(fixes: Iterable[Mapping[str, Json]]) -> Fix:
@@ -157,13 +157,26 @@ def _laid_over(under: Json, over: Json) -> Json:
     return made
 
 
+def fix_in(yaml_text: str) -> Fix:
+    """Parameters by stage from what `yaml_of` wrote."""
+    from recon.yaml_nodes import load
+
+    steps: Any = load(yaml_text, "<doctor>").plain() if yaml_text else []
+    found: Fix = {}
+    for step in steps:
+        timed = step["use"] == "aligner.time_offset"
+        params = step["params"].items()
+        found[step["use"]] = {key: float(str(value).split()[0]) if timed else value for key, value in params}
+    return found
+
+
 def repaired(fixes: Mapping[str, Json], readers: Mapping[str, Json]) -> Pipeline:
     """best_accuracy with what was found put right first.
 
     fixes : parameters by stage; readers : parameters that the readers were given, by reader
     """
     own = merged([readers, {name: params for name, params in fixes.items() if name.startswith("reader.")}])
-    steps = [_step("reader.auto", {"readers": own} if own else {})]
+    steps = [_step("reader.auto", own)]
     stages = ("aligner.axes", "aligner.time_offset")
     steps += [_step(stage, _with_units(stage, fixes[stage])) for stage in stages if stage in fixes]
     steps += [_step("fuser.map", {}), _step("analyzer.consistency", {})]

@@ -81,15 +81,10 @@ def _refuse_existing(write: Path | None, overwrite: bool) -> None:
 
 def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) -> str:
     """YAML of the pipeline that puts right what was found."""
-    from recon.doctor import merged, repaired
-    from recon.yaml_nodes import load
+    from recon.doctor import fix_in, merged, repaired
 
-    fixes = []
-    for one in found:
-        steps: Any = load(one["yaml"], "<doctor>").plain() if one["yaml"] else []
-        fixes.append({step["use"]: step["params"] for step in steps})
     readers: Any = {option.step: option.params.plain() for option in overrides if option.step.startswith("reader.")}
-    return repaired(merged(fixes), readers).to_yaml()
+    return repaired(merged(fix_in(one["yaml"]) for one in found), readers).to_yaml()
 
 
 def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]) -> str:

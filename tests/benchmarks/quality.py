@@ -5,9 +5,9 @@
 Every program gets the same samples and fixes, in a process of its own on one thread, after a minute of a drive to warm
 up, which is neither timed nor counted. What it is told besides stands in TOLD. The table shows medians over the drives
 and from best to worst; memory is what the process grows by, libraries included. A peer that tells no sigmas here might
-do so elsewhere: it was not asked. With --resume the results in the file of --json are not measured again. gtsam and
-ahrs are left out where they are not installed (`pip install recon-dynamics[bench]`), the real drive where no folder of
-logs is named (RECON_TEST_DATA).
+do so elsewhere: it was not asked. With --resume only what is not in the file of --json, or failed, is measured. gtsam
+and ahrs are left out where they are not installed (`pip install recon-dynamics[bench]`), the real drive where no folder
+of logs is named (RECON_TEST_DATA).
 """
 
 from __future__ import annotations
@@ -63,7 +63,6 @@ KINDS: Final[Mapping[str, Mapping[str, Any]]] = {
 }
 REAL: Final = "comma2k19, 60 s"
 _OUTAGE_S: Final = 30.0
-_WARM_UP_S: Final = 60.0
 _COLORS: Final = dict(zip(TOLD, ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#E69F00", "#D55E00"), strict=True))
 
 
@@ -87,6 +86,9 @@ class Job:
     number: int
     seconds: float
     logs: str = ""
+
+
+_WARM_UP: Final = Job("", "consumer, town", 0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,10 @@ def solved(program: str, case: Case) -> tuple[Estimate, Floats | None]:
     table = run.trajectory.table
     known = "pos_std_e" in table.column_names and table["pos_std_e"].null_count < table.num_rows
     sigma = matrix(table, "pos_std", gaps=True) if known else None
-    return estimate_of(table, case.anchor, case.start_ns), sigma
+    found = estimate_of(table, case.anchor, case.start_ns)
+    if program == "smartphone":  # its attitude is that of the phone
+        found = replace(found, q_ns=multiply(found.q_ns, conjugate(case.drive.mount_q_vs)))
+    return found, sigma
 
 
 def scored(case: Case, found: Estimate, sigma: Floats | None) -> Result:
@@ -182,7 +187,7 @@ def measured(job: Job, answer: Any) -> None:
         case, process = case_of(job), psutil.Process()
         before = process.memory_info().rss
         with _Peak(process) as peak:
-            solved(job.program, case if job.kind == REAL else case_of(replace(job, seconds=_WARM_UP_S)))
+            solved(job.program, case if job.kind == REAL else case_of(_WARM_UP))
             begin = time.perf_counter()
             found, sigma = solved(job.program, case)
             wall_s = time.perf_counter() - begin
@@ -350,14 +355,15 @@ def main() -> None:
         found[kind] = {}
         for name in chosen:
             before = [_read_back(one) for one in kept.get(kind, {}).get(name, [])][: given.seeds]
-            jobs = [Job(name, kind, k, 60.0 * given.minutes, given.logs) for k in range(len(before), given.seeds)]
-            found[kind][name] = before + [run(job) for job in jobs]
-            results = found[kind][name]
+            good = {number: one for number, one in enumerate(before) if not one.failed}
+            jobs = [Job(name, kind, number, 60.0 * given.minutes, given.logs) for number in range(given.seeds)]
+            results = found[kind][name] = [good.get(job.number) or run(job) for job in jobs]
             for number, one in enumerate(results):
                 if one.failed:
                     print(f"{name} fails on {kind}, drive {number}: {one.failed}")
             if given.json:
-                given.json.write_text(json.dumps({**kept, **_plain(found)}, indent=1), encoding="utf-8")
+                merged = {kind: {**kept.get(kind, {}), **of} for kind, of in {**kept, **_plain(found)}.items()}
+                given.json.write_text(json.dumps(merged, indent=1), encoding="utf-8")
     print(table(found))
     if given.figure:
         draw(given.figure, found)

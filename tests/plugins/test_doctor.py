@@ -113,8 +113,8 @@ def test_the_pipeline_that_it_writes_reads_the_log_in_the_right_unit(standing, t
     assert main(["doctor", str(standing), *csv_settings(), "--write", str(fixed)]) == 0
     assert "put right by" in capsys.readouterr().out
     steps = yaml.safe_load(fixed.read_text())["steps"]
-    assert steps[0]["params"]["readers"]["reader.csv"]["columns"]["imu"]["accel"]["unit"] == "g"
-    assert Pipeline.from_file(fixed).steps[-2].use == "fuser.map"
+    assert steps[0]["params"]["reader.csv"]["columns"]["imu"]["accel"]["unit"] == "g"
+    assert main(["validate", str(fixed)]) == 0
     assert main(["doctor", str(standing), *csv_settings(), "--write", str(fixed)]) == 2  # never overwritten unasked
 
 
@@ -191,3 +191,11 @@ def test_a_clock_that_jumps_has_no_lag():
     found = by_code(benchmark.findings(jump.drive(102)))
     assert found["clock_drift"]["value"] == "jump"
     assert found["gnss_velocity_lag"]["status"] == found["gnss_position_lag"]["status"] == "unknown"
+
+
+def test_shifts_of_a_zone_and_of_a_lag_add_up_in_the_pipeline():
+    from recon.doctor import fix_in, merged, repaired, yaml_of
+
+    texts = [yaml_of({"aligner.time_offset": {"shift": shift}}) for shift in (7200.0, 0.274)]
+    pipeline = repaired(merged(map(fix_in, texts)), {})
+    assert Pipeline.from_text(pipeline.to_yaml()).steps[1].params.plain() == {"shift": "7200.274 s"}
