@@ -1,11 +1,14 @@
 """One drive through the pipeline of a batch: what an executor carries to a process and runs there.
 
 The result appears as a whole or not at all. Its manifest says in `environment.job` which drive it is of, what the input
-was known by when it was read, and a few figures of the result.
+was known by when it was read, and a few figures of the result. It begins with `made_of`, a hash of all that a result
+depends on, so that a batch that goes on finds what is done without taking every manifest apart.
 """
 
 from __future__ import annotations
 
+import hashlib
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,7 +37,13 @@ from recon.jobs import FAULT, OUT_OF_MEMORY, Outcome
 from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.registry import Registry
+from recon.storage.json_text import to_json
 from recon.tables import vector
+
+_HEAD: Final = 200
+"""Bytes of a manifest in which `made_of` stands."""
+_STARTED: Final = re.compile(rb'\n  "started": "([0-9T:.+-]+)"')
+"""In the block `environment`."""
 
 
 class InputChanged(DataError):
@@ -115,13 +124,33 @@ class DriveJob:
             "modified_ns": stamped[1],
             "summary": {**finished.summary(), **_quality(finished)},
         }
-        environment = {**finished.manifest["environment"], "job": about}
-        return {**finished.manifest, "environment": environment}
+        manifest = finished.manifest
+        mark = made_of(str(self.source), stamped, manifest["plan"], manifest["recon"], manifest["store"])
+        environment = {**manifest["environment"], "job": about}
+        return {"made_of": mark, **manifest, "environment": environment}
 
     def _failed(self, error: ReconError, seconds: float) -> Outcome:
         memory = isinstance(error.__cause__, MemoryError)
         code = OUT_OF_MEMORY if memory else next(code for kind, code in CODES.items() if isinstance(error, kind))
         return Outcome(self.key, code, error.message, error.hint, seconds)
+
+
+def made_of(source: str, stamped: Stamp, plan: object, version: str, store: str) -> str:
+    """Hash of all that a result depends on: the input's place, size and time, the resolved plan, recon, the store."""
+    told = to_json([source, *stamped, plan, version, store], sort_keys=True)
+    return hashlib.sha256(told.encode("utf-8")).hexdigest()
+
+
+def made_when(text: bytes, mark: str) -> str | None:
+    """When a result was made, where it is made of `mark`; None where it is not, or the manifest is not whole.
+
+    text : manifest.json as it is kept
+    """
+    head = text[:_HEAD]
+    found = _STARTED.search(text)
+    if f'"made_of": "{mark}"'.encode() not in head or found is None or not text.endswith(b"}\n"):
+        return None
+    return found[1].decode()
 
 
 @cache

@@ -19,7 +19,7 @@ import recon
 from recon.batch import BatchFile, parse, plan_batch
 from recon.errors import ConfigError
 from recon.fleet.compaction import Failure, compact, failed_before, is_current
-from recon.fleet.drive_job import DriveJob
+from recon.fleet.drive_job import DriveJob, made_of, made_when
 from recon.fleet.inputs import Drive, Drives, find
 from recon.fleet.places import Place, fetch
 from recon.fleet.root import Root, root_of
@@ -163,22 +163,15 @@ def remaining(fleet: Fleet, drives: Drives, *, verify: bool = False) -> tuple[Dr
 
 def _made(fleet: Fleet, drive: Drive, *, verify: bool) -> str | None:
     """When the result of a drive was made; None where it is to be made: it is not there, or not what would be made."""
+    text = fleet.root.manifest_text(drive.key)
+    if text is None or drive.stamp is None:
+        return None
+    plan = fleet.plan_of(drive.vehicle)
+    when = made_when(text, made_of(str(drive.place), drive.stamp, plan, recon.__version__, fleet.pipeline.store))
+    if when is None or not verify:
+        return when
     found = fleet.root.manifest(drive.key)
-    if found is None or drive.stamp is None:
-        return None
-    try:
-        job = found["environment"]["job"]
-        same = (
-            (job["input"], job["bytes"], job["modified_ns"]) == (str(drive.place), *drive.stamp)
-            and found["plan"] == fleet.plan_of(drive.vehicle)
-            and found["recon"] == recon.__version__
-            and found["store"] == fleet.pipeline.store
-        )
-        if not same or (verify and not _verified(fleet.root, drive, found)):
-            return None
-        return str(found["environment"]["started"])
-    except (KeyError, TypeError):
-        return None
+    return when if found is not None and _verified(fleet.root, drive, found) else None
 
 
 def _verified(root: Root, drive: Drive, manifest: Mapping[str, Any]) -> bool:

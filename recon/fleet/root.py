@@ -49,13 +49,20 @@ class Root(ABC):
 
     def manifest(self, key: str) -> dict[str, Any] | None:
         """Manifest of a result; None where there is no whole one. Raises OSError where the store cannot be reached."""
+        try:
+            found = json.loads(self.manifest_text(key) or b"null")
+        except ValueError:
+            return None
+        return found if isinstance(found, dict) and MARK in found else None
+
+    def manifest_text(self, key: str) -> bytes | None:
+        """As `manifest`, not taken apart."""
         path = (self.place / key / MANIFEST).path
         try:
             with self.place.filesystem.open_input_stream(path) as file:
-                found = json.loads(file.read())
-        except (FileNotFoundError, NotADirectoryError, ValueError):
+                return bytes(file.read())
+        except (FileNotFoundError, NotADirectoryError):
             return None
-        return found if isinstance(found, dict) and MARK in found else None
 
     def keys(self) -> list[str]:
         """Names of the folders that may hold results, sorted."""
@@ -80,6 +87,13 @@ class LocalRoot(Root):
     def folder(self) -> Path:
         """The root."""
         return Path(self.place.path)
+
+    def manifest_text(self, key: str) -> bytes | None:
+        """As for every root."""
+        try:
+            return (self.folder / key / MANIFEST).read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
 
     @contextmanager
     def prepared(self) -> Iterator[None]:

@@ -183,7 +183,7 @@ def test_every_bad_drive_has_its_reason_and_every_good_one_its_result(tmp_path: 
         "change": "input_changed",
     }
     drives = {**GOOD, **{f"C/{what}": f"{what} 1" for what in bad}, "C/corrupt": "\0\1\2", "C/empty": ""}
-    file = fleet(tmp_path / "bad", drives, BATCH + "timeout: 5 s\nmemory: 1 GB\n")
+    file = fleet(tmp_path / "bad", drives, BATCH + "timeout: 15 s\nmemory: 1 GB\n")
     code, _, errors = finish(file)
     assert code == 6, errors
     root = file.parent / "results"
