@@ -26,6 +26,8 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 _SWAPPED: Final = {"swap x y": "LFU", "swap x z": "ULF", "swap y z": "FUL"}
 """Where the axes point as they are called; two of them in the wrong place make them left-handed."""
+_FURTHER_S: Final = 0.1
+"""Sigma of the further delay of velocities that fuser.map begins with."""
 Json = dict[str, Any]
 Fix = dict[str, Json]
 """Parameters by stage."""
@@ -74,10 +76,11 @@ def findings_in(metrics: pa.Table | None) -> list[Json]:
     return [json.loads(row["note"]) for row in rows if (row["name"] or "").startswith(PREFIX)]
 
 
-def fix_of(one: Finding, claims: Claims, reader: str, letters: str) -> Fix:
+def fix_of(one: Finding, claims: Claims, reader: str, letters: str, position_lag: float | None = None) -> Fix:
     """Parameters by stage that put right what a finding contradicts; {} where nothing of ours does.
 
     reader : key of the reader, such as reader.physycom; letters : where x, y, z point, "" where not known
+    position_lag : s, by which all stamps are shifted where it is known; fuser.map finds how much later velocities are
     """
     if one.status != "contradicted":
         return {}
@@ -95,7 +98,10 @@ def fix_of(one: Finding, claims: Claims, reader: str, letters: str) -> Fix:
         return {"aligner.axes": {"axes": _SWAPPED[str(value)]}}
     if one.code in ("forward_axis", "axes") and letters:
         return {"aligner.axes": {"axes": letters}}
-    if one.code in ("leap_seconds", "time_zone", "gnss_velocity_lag"):
+    if one.code == "gnss_velocity_lag" and position_lag is not None:
+        further = abs(float(value or 0.0) - position_lag)
+        return {"fuser.map": {"gnss_velocity_delay": f"{further:.2g} s"}} if further > _FURTHER_S else {}
+    if one.code in ("leap_seconds", "time_zone", "gnss_velocity_lag", "gnss_position_lag"):
         return {"aligner.time_offset": {"shift": float(value or 0.0) * (3600.0 if one.code == "time_zone" else 1.0)}}
     if one.code == "clock_drift" and isinstance(value, float):
         return {"aligner.time_offset": {"drift": value}}
@@ -179,7 +185,7 @@ def repaired(fixes: Mapping[str, Json], readers: Mapping[str, Json]) -> Pipeline
     steps = [_step("reader.auto", own)]
     stages = ("aligner.axes", "aligner.time_offset")
     steps += [_step(stage, _with_units(stage, fixes[stage])) for stage in stages if stage in fixes]
-    steps += [_step("fuser.map", {}), _step("analyzer.consistency", {})]
+    steps += [_step("fuser.map", fixes.get("fuser.map", {})), _step("analyzer.consistency", {})]
     about = "best_accuracy with what recon doctor found put right before it."
     return Pipeline("fixed", tuple(steps), about=about)
 

@@ -59,9 +59,11 @@ def _findings(
     claims, reader = claims_of(learnt, gnss, params.sensor_class)
     classes = [(name, typical(name, "gyro_noise"), typical(name, "accel_noise")) for name in CLASSES]
     found, letters = examine(log_of(imu, gnss, gnss_2, reference, claims), classes)
+    lags = (one.value for one in found if one.code == "gnss_position_lag")
+    lag = next((value for value in lags if isinstance(value, float)), None)
     rows = []
     for one in found:
-        told = replace(one, yaml=yaml_of(fix_of(one, claims, reader, letters)))
+        told = replace(one, yaml=yaml_of(fix_of(one, claims, reader, letters, lag)))
         rows.append(metric_of(told))
         if one.status == "contradicted":
             rows.append(warning(f"{one.code}: {one.explanation}"))
