@@ -57,6 +57,8 @@ def live(
     session = Session(steps, source, out or Path("live.mcap"), waits, registry)
     if session.resumed and not as_json:
         console.write(f"going on with {session.result.path}")
+    if steps.left_out:
+        console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(steps.left_out)}")
     stopped = False
     try:
         _follow(session, pause, until_end, shown, as_json)

@@ -27,7 +27,7 @@ from recon.plan import PlannedStep
 from recon.problems import Problem
 from recon.registry import Registry
 from recon.runner import read_one
-from recon.stages import Fuser, Live, Reader
+from recon.stages import Detector, Fuser, Live, Reader
 from recon.storage.atomic import staged_file
 from recon.tables import Streams, select_rows, time_ns
 
@@ -38,7 +38,7 @@ _HEAD: Final = 1 << 16
 
 @dataclass(frozen=True)
 class Following:
-    """The steps of a pipeline that a live run takes. left_out : ids of the others."""
+    """The steps of a pipeline that a live run takes. left_out : ids of the others, which want the whole drive."""
 
     reader: PlannedStep
     fuser: PlannedStep
@@ -46,16 +46,23 @@ class Following:
 
 
 def following(pipeline: Pipeline, registry: Registry, overrides: Iterable[Override] = ()) -> Following:
-    """The reader and the first fuser that can follow. Raises ConfigError where the pipeline does not begin so."""
+    """The reader and the first fuser that can follow; between them may only stand detectors, which change no rows.
+
+    Raises ConfigError where the pipeline does not begin so.
+    """
     plan, problems = check(pipeline, registry, overrides)
     if problems:
         raise ConfigError(problems)
     reader, *others = plan.steps
-    able = [step for step in others if isinstance(step.stage, Fuser) and step.stage.live is not None]
-    if not isinstance(reader.stage, Reader) or not able or others[0] is not able[0]:
+    fuser = next((step for step in others if not isinstance(step.stage, Detector)), None)
+    if not isinstance(reader.stage, Reader) or fuser is None or not _follows(fuser):
         text = f"recon live cannot follow '{pipeline.name}': it takes a reader and then a fuser that can, as fuser.map"
         raise ConfigError([Problem(reader.step.where, "not-live", text, "try recon live best_accuracy")])
-    return Following(reader, able[0], tuple(step.id for step in others[1:]))
+    return Following(reader, fuser, tuple(step.id for step in others if step is not fuser))
+
+
+def _follows(step: PlannedStep) -> bool:
+    return isinstance(step.stage, Fuser) and step.stage.live is not None
 
 
 class Session:

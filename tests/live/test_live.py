@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 import recon
+from recon.live.session import following
+from recon.pipeline import Pipeline
+from recon.registry import Registry
 from recon.tables import matrix, seconds, time_ns, vector
 
 EPOCH_2000 = 946_681_200
@@ -110,6 +113,13 @@ def test_a_run_that_is_killed_loses_nothing_that_was_written_and_goes_on(lines, 
     kept = before["trajectory"]
     assert kept.num_rows > 1000
     assert found["trajectory"].slice(0, kept.num_rows).equals(kept)
+
+
+@pytest.mark.parametrize("name", ["best_accuracy", "crash"])
+def test_detectors_before_the_fuser_are_left_to_a_run_over_the_whole_drive(name):
+    steps = following(Pipeline.from_file(name), Registry.installed())
+    assert steps.fuser.id == "fuser.map"
+    assert {"detector.crash", "analyzer.consistency"} <= set(steps.left_out)
 
 
 def test_a_pipeline_that_needs_the_whole_drive_is_refused(tmp_path):
