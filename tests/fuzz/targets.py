@@ -37,6 +37,7 @@ from recon.yaml_nodes import load_file
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import autopilot_logs
 import measurement_logs
+import phone_logs
 import ros_logs
 
 Sample: TypeAlias = Mapping[str, bytes]
@@ -399,6 +400,35 @@ def logger_target(name: str) -> Target:
     return Target(_LOGS[name], attempt)
 
 
+# --- apps of phones ---------------------------------------------------------------------------------------------------
+
+
+def _encoded(files: Mapping[str, str]) -> Sample:
+    return {name: text.encode() for name, text in files.items()}
+
+
+def sensor_logger_samples() -> list[Sample]:
+    """Folders of Android and iOS, a zip, single tables."""
+    log = phone_logs.logged(40)
+    android, ios = phone_logs.sensor_logger(log), phone_logs.sensor_logger(log, "ios", total=False)
+    single = [{name: android[name].encode()} for name in ("Location.csv", "Gyroscope.csv")]
+    return [_encoded(android), _encoded(ios), {"drive.zip": phone_logs.zipped(ios, "drive")}, *single]
+
+
+def phyphox_samples() -> list[Sample]:
+    """Folders with each separator and decimal mark, a zip, a single table."""
+    log = phone_logs.logged(40)
+    commas, semicolons = phone_logs.phyphox(log), phone_logs.phyphox(log, ";", ",", named=False)
+    tabs = phone_logs.phyphox(log, "\t")
+    zipped = {"drive.zip": phone_logs.zipped(commas)}
+    return [_encoded(commas), _encoded(semicolons), _encoded(tabs), zipped, {"raw.csv": tabs["Location.csv"].encode()}]
+
+
+def gnsslogger_samples() -> list[Sample]:
+    log = phone_logs.logged(40)
+    return [{"log.txt": phone_logs.gnsslogger(log, corrected=corrected).encode()} for corrected in (True, False)]
+
+
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _CHANNELS: Final = Override.from_data("reader.mf4.channels", measurement_logs.CHANNELS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
@@ -410,6 +440,9 @@ TARGETS: Final[dict[str, Target]] = {
     "parquet": Target(parquet_samples, read_by("reader.parquet")),
     "mcap": Target(mcap_samples, read_by("reader.mcap")),
     **{name: logger_target(name) for name in _LOGS},
+    "sensor_logger": Target(sensor_logger_samples, read_by("reader.sensor_logger")),
+    "phyphox": Target(phyphox_samples, read_by("reader.phyphox")),
+    "gnsslogger": Target(gnsslogger_samples, read_by("reader.gnsslogger")),
     "foreign_mcap": Target(foreign_mcap_samples, read_by("reader.mcap")),
     "rosbag": Target(rosbag_samples, read_by("reader.rosbag")),
     "mf4": Target(mf4_samples, read_by("reader.mf4", _CHANNELS)),

@@ -22,6 +22,8 @@ TARGETS = [
     *("nmea", "ubx", "vbox", "gpx", "kml", "rtklib", "sbet", "kf_gins", "kitti"),
     *("novatel", "nhtsa", "gpmf"),
     *("foreign_mcap", "rosbag", "ulog", "ardupilot", "mf4"),
+    *("sensor_logger", "phyphox", "gnsslogger"),
+    *("foreign_mcap", "rosbag"),
 ]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import autopilot_logs
 import measurement_logs
 import numpy as np
+import phone_logs
 import pyarrow as pa
 import pytest
 import read_back
@@ -49,6 +50,9 @@ GPX, KML, POS, SBET = (FOLDER / name for name in ("drive.gpx", "drive.kml", "dri
 KF_GINS, KITTI, NHTSA = FOLDER / "kf_gins", FOLDER / "kitti", FOLDER / "nhtsa"
 NOVATEL, PACKETS, GOPRO, GPMF = (FOLDER / name for name in ("logs.asc", "logs.pcap", "GX01.MP4", "payloads.raw"))
 EDR = FOLDER / "edr.csv"
+SENSOR_LOGGER, SENSOR_LOGGER_ZIP = FOLDER / "sensor_logger", FOLDER / "sensor_logger.zip"
+PHYPHOX_TABLE = FOLDER / "phyphox.csv"
+PHYPHOX, GNSS_LOGGER = FOLDER / "phyphox", FOLDER / "gnss_log.txt"
 T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
@@ -91,6 +95,14 @@ def files() -> Iterator[None]:
     for path, content in logs().items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
+    log = phone_logs.logged()
+    for folder, files in ((SENSOR_LOGGER, phone_logs.sensor_logger(log)), (PHYPHOX, phone_logs.phyphox(log))):
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+    SENSOR_LOGGER_ZIP.write_bytes(phone_logs.zipped(phone_logs.sensor_logger(log, "ios")))
+    PHYPHOX_TABLE.write_text(phone_logs.phyphox(log)["Gyroscope.csv"], encoding="utf-8")
+    GNSS_LOGGER.write_text(phone_logs.gnsslogger(log), encoding="utf-8")
     yield
     shutil.rmtree(FOLDER)
 
@@ -319,6 +331,21 @@ def test_reader_nhtsa(law: BoundLaw) -> None:
 
 @contract("reader.gpmf", cases=[Case("video", path=GOPRO), Case("raw", path=GPMF)])
 def test_reader_gpmf(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.sensor_logger", cases=[Case("folder", path=SENSOR_LOGGER), Case("zip", path=SENSOR_LOGGER_ZIP)])
+def test_reader_sensor_logger(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.phyphox", cases=[Case("folder", path=PHYPHOX), Case("table", path=PHYPHOX_TABLE)])
+def test_reader_phyphox(law: BoundLaw) -> None:
+    law()
+
+
+@contract("reader.gnsslogger", cases=[Case("text", path=GNSS_LOGGER)])
+def test_reader_gnsslogger(law: BoundLaw) -> None:
     law()
 
 
