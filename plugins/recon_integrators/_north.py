@@ -34,9 +34,11 @@ from recon.numerics.signals import interpolate
 WANDER: Final = 2e-4
 """rad/s^1.5: a consumer's gyroscope, its bias and its scale error in bends."""
 _MAG_GAP_S: Final = 1.0
-_FIELD_SIGMA: Final = 0.15
-"""rad, of a second of a calibrated magnetometer in a vehicle: soft iron, other cars, bridges."""
-_COURSE_SIGMA: Final = 0.7
+_FIELD_SIGMA: Final = 0.8
+"""rad, of a second of a calibrated magnetometer in a vehicle: 0.1 rad of soft iron and rest of hard iron, which stay
+the same for about a minute, as long as the heading does.
+"""
+_COURSE_SIGMA: Final = 0.5
 """m/s, of a change of velocity in a second: GNSS, its delay, and the levelling in bends."""
 _STRENGTH, _VERTICAL = 0.15, 0.2
 """Share of the usual strength by which the strength, and the vertical part, of the field may differ."""

@@ -28,7 +28,7 @@ _SEPARATORS: Final = (",", ";", "\t")
 _WIDEST: Final = 1000
 _DECIMAL_COMMA: Final = re.compile(rb"\d,\d")
 _BAD_ZIP: Final = (
-    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, ValueError, OSError
 )  # fmt: skip
 
 

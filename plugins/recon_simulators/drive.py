@@ -1,8 +1,8 @@
-"""A drive whose truth is known, as an IMU, a GNSS receiver and the wheels log it.
+"""A drive whose truth is known, as an IMU, a GNSS receiver, a magnetometer and the wheels log it.
 
 The motion is one of recon.numerics.motion, turned to the first heading and set down on the rotating ellipsoid at the
 start. The rear axle runs along the road; the body leans and bounces on it; the IMU is the origin of the vehicle. The
-errors are those of sensor_model and gnss_model, in the size that presets or the user give.
+errors are those of sensor_model, gnss_model and mag_model, in the size that presets or the user give.
 
 `reference` is the truth of the IMU at the times of imu. Its velocity and attitude are relative to East, North and Up of
 the place where the vehicle is, as receivers tell them; its `pos` is seen from the anchor, where the motion starts.
@@ -27,6 +27,7 @@ from recon import (
     EVENTS,
     GNSS,
     IMU,
+    MAG,
     REFERENCE,
     WHEEL,
     Event,
@@ -53,6 +54,7 @@ from recon_simulators.gnss_model import (
     in_outage,
     random_outages,
 )
+from recon_simulators.mag_model import MagModel, magnetometer
 from recon_simulators.presets import NAMES, PLACED_OUTAGES, preset_value
 from recon_simulators.route import Route, route_of
 from recon_simulators.sensor_model import (
@@ -84,7 +86,7 @@ def simulate_drive(params: DriveParams) -> Streams:
     Raises DataError where the parameters contradict each other: a crash that loses more speed than there is, a drive
     shorter than its rest, a jitter beyond half a sample.
     """
-    device, imu_noise, gnss_noise, outage_places, wheel_noise = np.random.default_rng(params.seed).spawn(5)
+    device, imu_noise, gnss_noise, outage_places, wheel_noise, iron = np.random.default_rng(params.seed).spawn(6)
     values = {name: _chosen(params, name) for name in NAMES}
     springs = Springs(*(values[f"body_{name}"] for name in ("slip", "pitch", "roll", "bounce", "heave")))
     try:
@@ -98,14 +100,21 @@ def simulate_drive(params: DriveParams) -> Streams:
     inertial = {"accel": (imu_model.accel, accel), "gyro": (imu_model.gyro, gyro)}
     fixes, stamps_s = _fixes(route, gnss_model, gnss_noise)
     time = _stamps(truth.t_s - route.begin_s, params)
+    found = list(_events(fixes, stamps_s, gnss_model, route, params))
+    learnt = list(_learnt(truth, inertial, values, gnss_model, params))
     streams = {
         "imu": with_meta(build(IMU, time=time, accel=accel.output_s, gyro=gyro.output_s), **_CLOCK),
         "imu_truth": with_meta(build(IMU_TRUTH, time=time, accel_bias=accel.bias_s, gyro_bias=gyro.bias_s), **_CLOCK),
         "gnss": _gnss(fixes, stamps_s, gnss_model, params),
         "reference": _reference(truth, time, route.anchor),
-        "events": events(_events(fixes, stamps_s, gnss_model, route, params)),
-        "metrics": metrics(_learnt(truth, inertial, values, gnss_model, params)),
+        "events": events(found),
+        "metrics": metrics(learnt),
     }
+    if values["mag_rate"]:
+        seen = magnetometer(route, values, params, imu_model.q_sv, iron)
+        streams["mag"] = with_meta(build(MAG, time=_stamps(seen.t_s, params), mag=seen.field_s), **_CLOCK)
+        streams["events"] = events([*found, *_disturbed(seen.model, params)])
+        streams["metrics"] = metrics([*learnt, *seen.learnt])
     if params.wheel_rate is not None:
         streams["wheel"] = _wheel(route, params.wheel_rate, params, wheel_noise)
     return streams
@@ -209,6 +218,13 @@ def _told(sigmas: tuple[float, ...], seen: NDArray[np.bool_], params: DriveParam
     return np.tile(np.where(told > 0.0, told, np.nan), (int(seen.sum()), 1))
 
 
+def _disturbed(model: MagModel, params: DriveParams) -> Iterable[Event]:
+    """When foreign fields were about, with their largest strength."""
+    for foreign in model.disturbances:
+        start_ns, end_ns = _stamps(np.array([foreign.start_s, foreign.stop_s]), params).tolist()
+        yield Event(start_ns, end_ns, "magnetic_disturbance", float(np.linalg.norm(foreign.field_n)), "T")
+
+
 def _wheel(route: Route, rate_hz: float, params: DriveParams, rng: np.random.Generator) -> pa.Table:
     t_s = regular_times(0.0, route.duration_s, rate_hz)
     scale = 1.0 + params.wheel_scale * rng.standard_normal()
@@ -281,10 +297,11 @@ def _stamps(t_s: Floats, params: DriveParams) -> NDArray[np.int64]:
 
 
 def _plan(inputs: Mapping[str, Schema], params: DriveParams) -> dict[str, Schema]:
-    """Fixes with vectors of velocity, and wheels, only where they are asked for."""
+    """Fixes with vectors of velocity, a magnetometer, and wheels, only where they are asked for."""
     fixes = [name for name in _FIXES if name != "vel" or params.gnss_vector]
     wheel = {"wheel": WHEEL.only("speed")} if params.wheel_rate is not None else {}
-    return {**_WRITES, "gnss": GNSS.only(*fixes), **wheel}
+    mag = {"mag": MAG} if _chosen(params, "mag_rate") else {}
+    return {**_WRITES, "gnss": GNSS.only(*fixes), **mag, **wheel}
 
 
 @hookimpl
@@ -292,7 +309,7 @@ def declare_simulators() -> Iterable[Simulator]:
     """Declare simulator.drive."""
     yield Simulator(
         name="drive",
-        summary="A drive with known truth, as an IMU, a GNSS receiver and the wheels log it.",
+        summary="A drive with known truth, as an IMU, a GNSS receiver, a magnetometer and the wheels log it.",
         version=2,
         params=DriveParams,
         run=simulate_drive,

@@ -96,7 +96,7 @@ class _Motion(Params):
 
 class _Box(_Motion):
     sensors: Literal[
-        "perfect", "consumer_mems", "automotive", "rtk", "industrial", "tactical", "study_one", "study_two"
+        "perfect", "consumer_mems", "automotive", "rtk", "industrial", "tactical", "phone", "study_one", "study_two"
     ] = setting(
         "consumer_mems", doc="Preset of what below is none: rates, errors and, in the studies, the installation."
     )
@@ -141,7 +141,24 @@ class _Car(_Box):
     wheel_noise: float = quantity(0.02, "m/s", ge=0, doc="Sigma of the wheels' speed, white.")
 
 
-class DriveParams(_Car):
+class _Compass(_Car):
+    mag_rate: float | None = quantity(
+        None, "Hz", ge=0, doc="Samples of the magnetometer per second, along the axes of the IMU; 0 Hz: there is none."
+    )
+    mag_noise: float | None = quantity(None, "uT", ge=0, doc="Sigma of each sample.")
+    mag_hard_iron: float | None = quantity(
+        None, "uT", ge=0, doc="Sigma of the constant field of box and car, each axis."
+    )
+    mag_soft_iron: float | None = quantity(None, "%", ge=0, le=50, doc="Sigma of what bends the field, each element.")
+    mag_disturbance_rate: float | None = quantity(None, "1/h", ge=0, doc="Bridges, trucks, rails on the way.")
+    mag_disturbance: Pair | None = quantity(None, "uT", doc="Least and largest field of these.")
+    mag_disturbance_length: Pair | None = quantity(None, "s", doc="Shortest and longest time for which one lasts.")
+    earth_field: Triple | None = quantity(
+        None, "uT", doc="Field of the Earth: east, north, up; none: that of the World Magnetic Model there and then."
+    )
+
+
+class DriveParams(_Compass):
     """Parameters of simulator.drive. None leaves a value to the motion or to the preset of the sensors."""
 
     gnss_rate: float | None = quantity(None, "Hz", gt=0, doc="Fixes per second.")
@@ -191,7 +208,10 @@ class DriveParams(_Car):
                 raise ValueError(f"an outage from {start:g} s to {stop:g} s ends before it begins")
         return value
 
-    @field_validator("vibration_band", "multipath_size", "multipath_length", "outage_length")
+    @field_validator(
+        "vibration_band", "multipath_size", "multipath_length", "outage_length", "mag_disturbance",
+        "mag_disturbance_length",
+    )  # fmt: skip
     @classmethod
     def _rising(cls, value: Pair | None) -> Pair | None:
         if value is not None and not 0.0 < value[0] <= value[1]:

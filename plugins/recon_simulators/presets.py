@@ -8,8 +8,13 @@
 | rtk           | that of automotive                 | ZED-F9P with corrections of a base: centimetres     |
 | industrial    | of the order of ADI ADIS16470      | as automotive                                       |
 | tactical      | of the order of Honeywell HG4930   | as rtk                                              |
+| phone         | as consumer_mems, jittery          | as consumer_mems; a magnetometer beside it          |
 | study_one     | the error statistics under which the estimator was first studied: matched noise, no scale errors  |
 | study_two     | those under which it was studied next: scale errors, vibration, quantisation, long bursts         |
+
+The phone sits in a holder on the dashboard, in landscape, screen to the driver: its x axis (to the right of the screen)
+points up, y (to the top of it) left, z (out of it) back. Its magnetometer feels the iron of phone and car, and what the
+car passes.
 
 A data sheet tells noise, resolution and range; the sigma of bias and scale is a third to a half of its tolerance. It is
 silent on the random walk of the biases and the correlation time of positions: these are of the order that logs show.
@@ -70,6 +75,13 @@ _NONE: Final[Mapping[str, Any]] = {
     "multipath_single": "0 %",
     "multipath_velocity": ("1 m/s",),
     "outage_rate": "0 1/h",
+    "mag_rate": "0 Hz",
+    "mag_noise": "0 uT",
+    "mag_hard_iron": "0 uT",
+    "mag_soft_iron": "0 %",
+    "mag_disturbance_rate": "0 1/h",
+    "mag_disturbance": ("10 uT", "60 uT"),
+    "mag_disturbance_length": ("2 s", "10 s"),
 }
 """Every value that a preset gives, here without error."""
 
@@ -226,6 +238,16 @@ _STUDY_TWO: Final = {
     "multipath_length": ("3 s", "18 s"),
     "outage_rate": "8 1/h",
 }
+_PHONE: Final = {
+    "mount_yaw": "4 deg",
+    "mount_pitch": "-68 deg",
+    "mount_roll": "3 deg",
+    "mag_rate": "50 Hz",
+    "mag_noise": "0.5 uT",
+    "mag_hard_iron": "15 uT",
+    "mag_soft_iron": "4 %",
+    "mag_disturbance_rate": "20 1/h",
+}
 
 _PRESETS: Final[Mapping[str, Mapping[str, Any]]] = {
     "perfect": {},
@@ -234,6 +256,7 @@ _PRESETS: Final[Mapping[str, Mapping[str, Any]]] = {
     "rtk": {**_AUTOMOTIVE_IMU, **_CORRECTED},
     "industrial": {**_INDUSTRIAL_IMU, **_TWO_FREQUENCIES},
     "tactical": {**_TACTICAL_IMU, **_CORRECTED},
+    "phone": {**_CONSUMER_IMU, **_ONE_FREQUENCY, **_PHONE},
     "study_one": _STUDY_ONE,
     "study_two": _STUDY_TWO,
 }

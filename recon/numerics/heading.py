@@ -117,7 +117,8 @@ def _whittaker(weight: Floats, value: Floats, stiffness: float) -> Floats:
         for shift, part in enumerate(parts):
             bands[offset, shift : shift + n - 2] += stiffness * part
     bands[0] += weight
-    return np.asarray(solveh_banded(bands, weight * value, lower=True))
+    usual = value[int(weight.argmax())]  # taken off, so that a constant comes back to the last digit
+    return np.asarray(usual + solveh_banded(bands, weight * (value - usual), lower=True))
 
 
 def _sigma(weight: Floats, wander: float) -> Floats:

@@ -23,7 +23,6 @@ TARGETS = [
     *("novatel", "nhtsa", "gpmf"),
     *("foreign_mcap", "rosbag", "ulog", "ardupilot", "mf4"),
     *("sensor_logger", "phyphox", "gnsslogger"),
-    *("foreign_mcap", "rosbag"),
 ]
 
 
