@@ -27,7 +27,7 @@ from recon.numerics.attitude import Blocks, first_level
 from recon.numerics.rotation import conjugate, multiply, normalize, rotate
 from recon_integrators._nine_axes import Level, NineAxesParams, attitude_by, declared
 
-_RATE_HZ = 10.0
+_RATE_HZ = 5.0
 
 
 class VqfParams(NineAxesParams):
