@@ -157,14 +157,15 @@ def tally(cases: list[Told]) -> Mapping[str, tuple[int, int, float, float]]:
     }
 
 
-def run(case: Callable[[int], Told], count: int) -> list[Told]:
+def run(case: Callable[[int], Told], count: int, first: int) -> list[Told]:
     with get_context("spawn").Pool(int(os.environ.get("JOBS", "1"))) as pool:
-        return pool.map(case, range(count), chunksize=4)
+        return pool.map(case, range(first, first + count), chunksize=4)
 
 
 if __name__ == "__main__":
     kind, count = sys.argv[1], int(sys.argv[2])
-    cases = run({"pulses": a_pulse, "drives": a_drive}[kind], count)
+    first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
+    cases = run({"pulses": a_pulse, "drives": a_drive}[kind], count, first)
     print(
         f"{len(cases)} cases, {sum(bool(truth) and 'delta_v_long_max' in rows for rows, truth in cases)} crashes found"
     )
