@@ -74,6 +74,8 @@ class Motion:
 
     def rows(self, choice: NDArray[Any]) -> Motion:
         """The rows where a (n,) bool is true, or those that an integer array names."""
+        if choice.dtype == bool and choice.all():
+            return self
         return Motion(*(getattr(self, field.name)[choice] for field in fields(self)))
 
     def at(self, t_ns: NDArray[np.int64]) -> Motion:
@@ -81,6 +83,8 @@ class Motion:
 
         t_ns : (m,) int64 ns
         """
+        if np.array_equal(t_ns, self.t_ns):
+            return self
         longest = GAP_STEPS * self.step_ns
         known = np.isfinite(self.q_nv).all(axis=1).any()
         q_nv = slerp(t_ns, self.t_ns, self.q_nv, longest) if known else np.full((len(t_ns), 4), np.nan)
