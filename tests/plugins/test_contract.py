@@ -31,6 +31,7 @@ from recon.testing.drives import drive, serve
 from recon.testing.samples import samples
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
+from recon_filters.terrain import TerrainParams
 from recon_readers.csv import CsvParams
 from recon_readers.mf4 import Mf4Params
 from recon_readers.ubx import UbxParams
@@ -57,8 +58,10 @@ T0_S = 518_716_448.0
 """June 2016 in the clock of physycom, which counts from 2000."""
 FIRST_PARTY = [key for key in Registry.installed() if Registry.installed().source(key).distribution == "recon-dynamics"]
 IN_ONE_FRAME = "filter.absolute_acceleration"
+BY_A_MAP = "filter.terrain"
+HEIGHTS = FOLDER / "heights.tif"
 BY_THE_MAGNETIC_FIELD = ("integrator.madgwick", "integrator.mahony", "integrator.vqf")
-OF_THEIR_OWN = (Reader.role, Exporter.role, IN_ONE_FRAME, *BY_THE_MAGNETIC_FIELD)
+OF_THEIR_OWN = (Reader.role, Exporter.role, IN_ONE_FRAME, BY_A_MAP, *BY_THE_MAGNETIC_FIELD)
 WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith(OF_THEIR_OWN)]
 
 MAPPING = {
@@ -102,9 +105,23 @@ def files() -> Iterator[None]:
             (folder / name).write_text(text, encoding="utf-8")
     SENSOR_LOGGER_ZIP.write_bytes(phone_logs.zipped(phone_logs.sensor_logger(log, "ios")))
     PHYPHOX_TABLE.write_text(phone_logs.phyphox(log)["Gyroscope.csv"], encoding="utf-8")
+    heights_of_a_slope(HEIGHTS)
     GNSS_LOGGER.write_text(phone_logs.gnsslogger(log), encoding="utf-8")
     yield
     shutil.rmtree(FOLDER)
+
+
+def heights_of_a_slope(path: Path) -> None:
+    """A map about the suite's drives, 200 m each way, that rises by 1 m for each of its cells."""
+    import rasterio
+    from rasterio.transform import from_origin
+
+    heights = np.add.outer(np.arange(300.0), np.arange(300.0))
+    place = from_origin(11.3426 - 0.015, 44.4949 + 0.015, 1e-4, 1e-4)
+    with rasterio.open(
+        path, "w", driver="GTiff", height=300, width=300, count=1, dtype="float64", crs="EPSG:4326", transform=place
+    ) as file:
+        file.write(heights, 1)
 
 
 def logs() -> dict[Path, bytes]:
@@ -176,6 +193,11 @@ def test_stages(law: BoundLaw) -> None:
 def in_vehicle_axes() -> dict[str, pa.Table]:
     """imu along the axes of the body whose attitude is given."""
     return serve(drive(), {"imu": IMU.need("accel", frame="vehicle"), "attitude": ATTITUDE.need("q")})
+
+
+@contract(BY_A_MAP, cases=[Case(params=TerrainParams(raster=str(HEIGHTS)))])
+def test_terrain(law: BoundLaw) -> None:
+    law()
 
 
 @contract(IN_ONE_FRAME, cases=[Case(streams=in_vehicle_axes())])
