@@ -62,7 +62,7 @@ def integrate_attitude(*, imu: pa.Table, attitude: pa.Table | None, params: Atti
     if not imu.num_rows:
         raise NotEnoughData("rows in imu", needed="1", found="0")
     silent = silent_steps(imu, params.max_gap, params.longest_gap)
-    q_start, notes = _start(imu, attitude)
+    q_start, notes = first_attitude(imu, attitude)
     notes += silence_warnings(imu, silent, "the attitude is held")
     turns = _turns(seconds(imu), matrix(imu, "gyro"), params.rule)
     turns[silent] = 0.0
@@ -70,7 +70,7 @@ def integrate_attitude(*, imu: pa.Table, attitude: pa.Table | None, params: Atti
     return {"attitude": with_meta(table, **meta(imu)), "metrics": metrics(notes)}
 
 
-def _start(imu: pa.Table, attitude: pa.Table | None) -> tuple[Floats, list[Metric]]:
+def first_attitude(imu: pa.Table, attitude: pa.Table | None) -> tuple[Floats, list[Metric]]:
     """Attitude at the first row of imu: (4,), and what had to be assumed."""
     if attitude is None or not attitude.num_rows:
         note = "no initial attitude: the vehicle is taken to start level and facing north (heading 0)"

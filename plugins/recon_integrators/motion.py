@@ -94,12 +94,12 @@ def integrate_motion(
     vel_n = cumulative(t_s, rotate(q_nv, accel_v), params.rule, held=silent)
     learnt = silence_warnings(imu, silent, "the velocity is held")
     if not (len(stops) and (params.zero_at_stops or t_s[stops[0, 0]] <= BESIDE_S)):
-        vel_n, notes = _through_first_velocity(imu, vel_n, gnss)
+        vel_n, notes = through_first_velocity(imu, vel_n, gnss)
         learnt += notes
     if params.zero_at_stops and len(stops):
         vel_n, largest = zero_at_stops(t_s, vel_n, stops, silent)
         learnt.append(Metric("largest_velocity_error_at_a_stop", largest, "m/s", method=f"{len(stops)} stops"))
-    pos_n = _through_first(imu, cumulative(t_s, vel_n, params.rule), gnss, "pos")
+    pos_n = through_first(imu, cumulative(t_s, vel_n, params.rule), gnss, "pos")
     if anchor_of(gnss) is None:
         learnt.append(warning("local frame: no place on the Earth is known, so lat, lon and height are null"))
     table = build(TRAJECTORY, time=time_ns(imu), pos=pos_n, vel=vel_n, q=q_nv, accel=accel_v, gyro=matrix(imu, "gyro"))
@@ -149,13 +149,14 @@ def _line_ends(t_s: Floats, y: Floats) -> Floats:
     return np.asarray(y.mean(axis=0) + centred[[0, -1], None] * slope)
 
 
-def _through_first_velocity(imu: pa.Table, vel_n: Floats, gnss: pa.Table | None) -> tuple[Floats, list[Metric]]:
+def through_first_velocity(imu: pa.Table, vel_n: Floats, gnss: pa.Table | None) -> tuple[Floats, list[Metric]]:
+    """Velocity (n, 3) m/s, local, shifted to pass through the first of GNSS, and a warning where there is none."""
     if has(gnss, "vel_e") and has(gnss, "vel_n"):
-        return _through_first(imu, vel_n, gnss, "vel"), []
+        return through_first(imu, vel_n, gnss, "vel"), []
     return vel_n, [warning("neither a stop at the start nor GNSS tells the first velocity: it is taken as zero")]
 
 
-def _through_first(imu: pa.Table, y: Floats, gnss: pa.Table | None, group: str) -> Floats:
+def through_first(imu: pa.Table, y: Floats, gnss: pa.Table | None, group: str) -> Floats:
     """y shifted, column by column, to pass through the first value that GNSS gives while the imu runs.
 
     y : (n, 3) at the times of imu; a column for which GNSS has nothing is left alone

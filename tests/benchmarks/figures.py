@@ -6,7 +6,7 @@ FOLDER holds the real logs (by default what RECON_TEST_DATA names); without it t
 out. All else is simulated, so that the truth is known. Times of rotations are of this machine.
 
 References
-    Thesis, sections 2.2.4, 4.1, 4.4, 4.5 and chapter 6.
+    Thesis, sections 2.2.4, 4.1, 4.4, 4.5, chapter 6 and section 9.1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from thesis_figures import drive, integration, rotations, sensors
+from thesis_figures import drive, integration, rotations, sensors, symplectic
 from thesis_figures.style import STYLE, Number
 
 Draw = Callable[[], tuple[Figure, list[Number]]]
@@ -28,7 +28,7 @@ CRASH_LOG = Path("physycom_crash", "crash_01.txt")
 
 def figures(logs: Path | None, quick: bool) -> dict[str, Draw]:
     """Every figure by the name of its files; with `quick` short drives and few vectors."""
-    drive_s, rest_s, vectors = (90.0, 60.0, 1_000) if quick else (300.0, 600.0, 100_000)
+    drive_s, rest_s, vectors, steps = (90.0, 60.0, 1_000, 1_000) if quick else (300.0, 600.0, 100_000, 40_000)
     tilted, driven = sensors.Tilted(drive_s), drive.City(drive_s)
     found: dict[str, Draw] = {
         "fig_4_1_gnss_at_rest": lambda: sensors.gnss_at_rest(rest_s),
@@ -39,6 +39,7 @@ def figures(logs: Path | None, quick: bool) -> dict[str, Draw]:
         "fig_6_4_city_path": lambda: drive.path(driven),
         "fig_6_6_smoothness": lambda: drive.smoothness(driven),
         "fig_6_7_height": lambda: drive.height(driven),
+        "fig_9_1_symplectic": lambda: symplectic.symplectic(steps),
         "fig_2_2_4_rotations": lambda: rotations.times(vectors),
     }
     if logs is not None:
