@@ -68,7 +68,8 @@ def live(
         session.close()
         if shown is not None:
             shown.close()
-    console.write_error(f"{'stopped, ' if stopped else ''}result in {session.result.path}")
+    found = f"result in {session.result.path}" if session.result.begun else "nothing came"
+    console.write_error(f"{'stopped, ' if stopped else ''}{found}")
     if stopped:
         raise typer.Exit(EXIT_INTERRUPTED)
 

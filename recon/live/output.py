@@ -31,9 +31,10 @@ class GrowingResult:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = Appending(self._part)
 
-    def until_ns(self, stream: str) -> int | None:
-        """Time of a stream's last row, ns since 1970; None where it has none."""
-        return self._until.get(stream)
+    @property
+    def begun(self) -> bool:
+        """Has it rows?"""
+        return bool(self._until)
 
     def append(self, streams: Streams) -> None:
         """Add the rows that are later than those that are there. Raises StorageError."""

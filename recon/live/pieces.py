@@ -13,14 +13,19 @@ class Pieces:
     """Cuts bytes at line ends, and puts the log's header before each piece.
 
     The header is what stands before the first line that begins like a row: with a digit, a sign, or `$` of NMEA.
+
+    overlap : bytes of earlier rows, at most, that stand before those of a piece once more: only beside them can a
+        reader tell a value that is repeated from one that is new
     """
 
-    def __init__(self) -> None:
+    def __init__(self, overlap: int = 0) -> None:
         self._header: bytes | None = None
         self._rest = b""
         self._taken = 0
+        self._overlap, self._before, self._given = overlap, b"", b""
+        self._lines: int | None = 0
         self.begins = 0
-        """Byte of the log at which the rows of the last piece begin."""
+        """Byte of the log at which the rows of the last piece begin that were in none before."""
 
     def cut(self, data: bytes) -> bytes:
         """The piece that ends with the last whole line; b"" while there is none."""
@@ -36,18 +41,44 @@ class Pieces:
             lines = lines[size:]
         self._rest, self.begins = rest, self._taken
         self._taken += len(lines)
-        return self._header + lines if lines else b""
+        if not lines:
+            return b""
+        known = self._before + self._given
+        self._before = _last_lines(known, self._overlap)
+        if self._lines is not None:
+            self._lines += known.count(b"\n") - self._before.count(b"\n")
+        self._given = lines
+        return self._header + self._before + lines
+
+    @property
+    def overlaps(self) -> bool:
+        """Does the last piece begin with rows of earlier ones?"""
+        return bool(self._before)
+
+    def line(self, number: int | None) -> int | None:
+        """Line of the log, from one that is counted in the last piece; None where it is not known."""
+        header = (self._header or b"").count(b"\n")
+        if number is None or number <= header:
+            return number
+        return None if self._lines is None else number + self._lines
 
     @classmethod
-    def going_on(cls, head: bytes, offset: int) -> Pieces:
+    def going_on(cls, head: bytes, offset: int, overlap: int = 0) -> Pieces:
         """For a log that is read from a byte where a row begins. head : its first bytes, with all of the header"""
-        pieces = cls()
-        pieces._header, pieces._taken = head[: _header_size(head) or 0], offset
+        pieces = cls(overlap)
+        pieces._header, pieces._taken, pieces._lines = head[: _header_size(head) or 0], offset, None
         return pieces
 
     def last(self) -> bytes:
         """The piece of a last line without an end."""
         return self.cut(b"\n") if self._rest.strip() else b""
+
+
+def _last_lines(rows: bytes, most: int) -> bytes:
+    """Whole lines at the end, at most so many bytes."""
+    if len(rows) <= most:
+        return rows
+    return rows[rows.find(b"\n", len(rows) - most - 1) + 1 :]
 
 
 def _header_size(lines: bytes) -> int | None:

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 
 from recon.check import check
-from recon.errors import ConfigError
+from recon.errors import ConfigError, ReadFailed
 from recon.live.output import GrowingResult
 from recon.live.pieces import Pieces
 from recon.live.sources import ByteSource, GrowingFile, open_source
@@ -25,6 +26,7 @@ from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.plan import PlannedStep
 from recon.problems import Problem
+from recon.recording import Recording
 from recon.registry import Registry
 from recon.runner import read_one
 from recon.stages import Detector, Fuser, Live, Reader
@@ -34,6 +36,8 @@ from recon.tables import Streams, select_rows, time_ns
 _STEP_NS: Final = 10_000_000_000
 _HEAD: Final = 1 << 16
 """Bytes that hold the header of a log."""
+_OVERLAP: Final = 1 << 19
+"""Bytes of rows that are read once more before new ones: some seconds of any IMU, several fixes of any receiver."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,14 @@ class Session:
         self._state = out.with_suffix(".state")
         kept = _Kept.read(self._state, source)
         self.source: ByteSource = open_source(source, kept.offset if kept else 0)
-        self._pieces, self._file = Pieces(), Path(source) if isinstance(self.source, GrowingFile) else None
+        self._pieces, self._file = Pieces(_OVERLAP), Path(source) if isinstance(self.source, GrowingFile) else None
         if kept is not None and self._file is not None:
             with self._file.open("rb") as file:
-                self._pieces = Pieces.going_on(file.read(_HEAD), kept.offset)
+                self._pieces = Pieces.going_on(file.read(_HEAD), kept.offset, _OVERLAP)
         self.resumed = kept is not None and self._file is not None
         self.live: Live = _live(steps, lag, kept.saved if kept is not None and self.resumed else None)
         self._begins: list[tuple[int, int]] = []
+        self._until: dict[str, int] = {}
         self._came, self._kept_ns = True, 0
         self._scratch = tempfile.TemporaryDirectory(prefix="recon-live-")
 
@@ -109,9 +114,13 @@ class Session:
         self._came = False
         while data := self.source.take():
             self._came = True
+            if not self._pieces.begins and b"\0" in data:
+                raise ReadFailed(self.source.name, "this is no text", hint="once it is whole, 'recon run' may read it")
             told = self._take(self._pieces.cut(data)) or told
         if last:
             told = {**told, **self._take(self._pieces.last())}
+            if not self.result.begun:
+                raise ReadFailed(self.source.name, "no row of a log came", hint="is it the right source?")
             rest = self.live.finish()
             self.result.append(rest)
             told = {**told, **rest}
@@ -127,10 +136,8 @@ class Session:
         if not piece:
             return {}
         begins = self._pieces.begins
-        path = Path(self._scratch.name, "piece.txt")
-        path.write_bytes(piece)
-        read = read_one(self.steps.reader, path, self.registry)
-        streams = {name: table for name, table in read.items() if name in self.steps.fuser.stage.reads}
+        read = self._read(piece)
+        streams = {name: self._news(name, read[name]) for name in read if name in self.steps.fuser.stage.reads}
         if "imu" in streams and streams["imu"].num_rows:
             self._begins.append((int(time_ns(streams["imu"])[0]), begins))
         told: Streams = {}
@@ -143,6 +150,26 @@ class Session:
         self.result.append({**streams, **rows})
         self._keep()
         return {**told, **rows}
+
+    def _read(self, piece: bytes) -> Recording:
+        """All streams of a piece. Raises ReadFailed with the place in the log."""
+        path = Path(self._scratch.name, self._file.name if self._file is not None else "log.txt")
+        path.write_bytes(piece)
+        try:
+            return read_one(self.steps.reader, path, self.registry)
+        except ReadFailed as error:
+            line = self._pieces.line(error.line)
+            raise ReadFailed(self.source.name, error.what, line=line, column=error.column, hint=error.hint) from error
+
+    def _news(self, name: str, table: pa.Table) -> pa.Table:
+        """The rows later than those that were taken; of a piece that overlaps, the first may be a value held over."""
+        at_ns = time_ns(table)
+        fresh = at_ns > self._until.get(name, np.iinfo(np.int64).min)
+        if self._pieces.overlaps:
+            fresh[:1] = False
+        if fresh.any():
+            self._until[name] = int(at_ns[fresh][-1])
+        return select_rows(table, fresh)
 
     def _keep(self) -> None:
         """What a later session goes on from, whenever that has changed."""

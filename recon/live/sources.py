@@ -44,7 +44,8 @@ def open_source(where: str, offset: int = 0) -> ByteSource:
     Raises ConfigError for an address that is not on this machine, ReadFailed where there is nothing to read.
     """
     if where == STANDARD_INPUT:
-        return Pipe("standard input", cast("BufferedReader", sys.stdin.buffer).read1, lambda: None)
+        # past the buffer: a thread that waits inside it holds its lock, and the interpreter cannot end then
+        return Pipe("standard input", cast("BufferedReader", sys.stdin.buffer).raw.read, lambda: None)
     if where.startswith("tcp://"):
         return _socket(where)
     return GrowingFile(Path(where), offset)

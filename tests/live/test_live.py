@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import recon
-from recon.live.session import following
+from recon.live.session import Session, following
 from recon.pipeline import Pipeline
 from recon.registry import Registry
 from recon.tables import matrix, seconds, time_ns, vector
@@ -113,6 +113,49 @@ def test_a_run_that_is_killed_loses_nothing_that_was_written_and_goes_on(lines, 
     kept = before["trajectory"]
     assert kept.num_rows > 1000
     assert found["trajectory"].slice(0, kept.num_rows).equals(kept)
+
+
+def test_fixes_that_a_log_repeats_on_every_row_are_taken_once_however_the_rows_come(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:11]) + "\n")
+    registry = Registry.installed()
+    session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
+    for at in range(11, 411, 10):
+        session.step()
+        with log.open("a") as file:
+            file.write("\n".join(lines[at : at + 10]) + "\n")
+    session.step(last=True)
+    session.close()
+    whole, live = recon.read(log), recon.read(out)
+    assert len(set(time_ns(live["gnss"]).tolist()) ^ set(time_ns(whole["gnss"]).tolist())) <= 1
+    assert live["imu"].num_rows == whole["imu"].num_rows
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "no row of a log came"),
+        (b"hello\n", "no row of a log came"),
+        (b"\xb5b\x01\x07\x5c\x00" * 99, "no text"),
+        (b"1\t2\n", "standard input: no reader knows"),
+    ],
+)
+def test_what_is_no_text_log_is_a_sentence_and_leaves_nothing(data, sentence, tmp_path):
+    told = subprocess.run(command("-", tmp_path / "x.mcap"), input=data, capture_output=True, check=False)
+    assert told.returncode == 4
+    assert sentence in told.stderr.decode()
+    assert b"recon-live-" not in told.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_while_standard_input_is_still_open_ends_the_program(tmp_path):
+    with subprocess.Popen(
+        command("-", tmp_path / "x.mcap"), stdin=subprocess.PIPE, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+    ) as running:
+        running.stdin.write(b"\0\n")
+        running.stdin.flush()
+        assert running.wait(60) == 4
+        assert b"Fatal" not in running.stderr.read()
 
 
 @pytest.mark.parametrize("name", ["best_accuracy", "crash"])

@@ -46,3 +46,14 @@ def test_it_tells_where_in_the_log_the_rows_of_a_piece_begin_and_goes_on_there()
     again = Pieces.going_on(LOG, pieces.begins)
     assert again.cut(LOG[pieces.begins :]) == HEADER + LOG[pieces.begins :]
     assert again.begins == pieces.begins
+
+
+def test_rows_of_earlier_pieces_stand_before_new_ones_as_far_as_they_are_asked_for():
+    pieces = Pieces(overlap=15)
+    assert pieces.cut(LOG[:30]) == LOG[:29]
+    assert not pieces.overlaps
+    assert pieces.cut(LOG[30:37]) == LOG[:37]
+    assert pieces.overlaps
+    assert pieces.cut(LOG[37:]) == HEADER + b"1.1\t2\t3\n1.2\t2\t3\n"
+    assert LOG[pieces.begins :] == b"1.2\t2\t3\n"
+    assert [pieces.line(number) for number in (1, 3, 4, None)] == [1, 4, 5, None]
