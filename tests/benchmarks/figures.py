@@ -18,7 +18,7 @@ from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from thesis_figures import drive, integration, rotations, sensors, symplectic
+from thesis_figures import bases, drive, integration, rotations, sensors, symplectic
 from thesis_figures.style import STYLE, Number
 
 Draw = Callable[[], tuple[Figure, list[Number]]]
@@ -39,6 +39,7 @@ def figures(logs: Path | None, quick: bool) -> dict[str, Draw]:
         "fig_6_4_city_path": lambda: drive.path(driven),
         "fig_6_6_smoothness": lambda: drive.smoothness(driven),
         "fig_6_7_height": lambda: drive.height(driven),
+        "fig_9_1_bases": bases.bases,
         "fig_9_1_symplectic": lambda: symplectic.symplectic(steps),
         "fig_2_2_4_rotations": lambda: rotations.times(vectors),
     }

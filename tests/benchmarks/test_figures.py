@@ -21,6 +21,7 @@ SIMULATED = {
     "fig_6_4_city_path",
     "fig_6_6_smoothness",
     "fig_6_7_height",
+    "fig_9_1_bases",
     "fig_9_1_symplectic",
 }
 CRASH = "fig_6_3_parabola_and_trapezoid"
