@@ -88,8 +88,8 @@ def flow(
 
 
 def _further_sensors(steps: Sequence[Bound], read: Schemas) -> Schemas:
-    """Streams such as `imu_2` that steps ask for under `in`: only the files can tell whether they are there."""
-    asked = {stream for bound in steps for stream in bound.step.inputs.values() if stream not in read}
+    """Streams such as `imu_2` that steps ask for: only the files can tell whether they are there."""
+    asked = {bound.step.inputs.get(port, port) for bound in steps for port in bound.stage.reads} - set(read)
     return {stream: read[unnumbered(stream)].possible() for stream in asked if unnumbered(stream) in read}
 
 

@@ -278,7 +278,7 @@ class Live(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Fuser(Stage):
-    """Combines several sensors to one trajectory.
+    """Combines several sensors to one trajectory, or several of one kind to one.
 
     budget : m, root mean square of the horizontal error that it stays below on the drives of `recon.testing`, whose
         GNSS positions err by 1 m on each axis; None where none is claimed

@@ -25,7 +25,7 @@ from recon.pytest_plugin import MARK
 from recon.registry import Registry
 from recon.schema import ATTITUDE, IMU
 from recon.stages import Exporter, Reader
-from recon.tables import matrix, seconds, time_ns, vector
+from recon.tables import matrix, replace, seconds, time_ns, vector
 from recon.testing import BoundLaw, Case, contract
 from recon.testing.drives import drive, serve
 from recon.testing.samples import samples
@@ -187,6 +187,18 @@ def few_columns() -> dict[str, pa.Table]:
 
 @contract(*WITHOUT_CASES)
 def test_stages(law: BoundLaw) -> None:
+    law()
+
+
+def two_boxes() -> dict[str, pa.Table]:
+    """A second box on the same drive, turned."""
+    imu = drive()["imu"].slice(0, 4500)
+    turned = {group: matrix(imu, group)[:, [1, 2, 0]] for group in ("accel", "gyro")}
+    return {"imu": imu, "imu_2": replace(imu, **turned)}
+
+
+@contract("aligner.boxes", "fuser.virtual_imu", cases=[Case("two", streams=two_boxes())])
+def test_several_boxes(law: BoundLaw) -> None:
     law()
 
 

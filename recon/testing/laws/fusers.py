@@ -49,7 +49,7 @@ SINGLE: Final = 1e-5
 """Of a sigma: covariances of knots are kept as numbers that are wrong by 6e-8, some hundreds of them in a row."""
 
 
-@law(Fuser)
+@law(Fuser, when=lambda stage: "trajectory" in stage.writes)
 def yawing_the_world_yaws_the_answer(subject: Subject) -> None:
     """East and north are names: a drive and its errors turned about the vertical give the same answer, turned."""
     turned = replace(ON_EARTH, yaw=YAW)
@@ -61,7 +61,7 @@ def yawing_the_world_yaws_the_answer(subject: Subject) -> None:
         _assert_turned(found, multiply(turned.turn, matrix(usual, "q", gaps=True)))
 
 
-@law(Fuser)
+@law(Fuser, when=lambda stage: "trajectory" in stage.writes)
 def moving_the_origin_moves_the_answer(subject: Subject) -> None:
     """Where the origin lies is a choice: a drive moved as a whole gives the same answer, moved."""
     usual, found = (_trajectory(subject, drive(one)) for one in (ON_EARTH, replace(ON_EARTH, shift_n=SHIFT_N)))
@@ -83,7 +83,7 @@ def sigmas_are_positive(subject: Subject) -> None:
             )
 
 
-@law(Fuser)
+@law(Fuser, when=lambda stage: "trajectory" in stage.writes)
 def the_error_is_as_large_as_its_sigma_says(subject: Subject) -> None:
     """Over simulated drives the mean square of error over sigma is about one, on each axis for which sigma is given."""
     squares: dict[str, list[float]] = {}
