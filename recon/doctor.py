@@ -182,10 +182,11 @@ def repaired(fixes: Mapping[str, Json], readers: Mapping[str, Json]) -> Pipeline
     fixes : parameters by stage; readers : parameters that the readers were given, by reader
     """
     own = merged([readers, {name: params for name, params in fixes.items() if name.startswith("reader.")}])
-    steps = [_step("reader.auto", own)]
+    reader, *others = Pipeline.from_file("best_accuracy").steps
     stages = ("aligner.axes", "aligner.time_offset")
+    steps = [_step(reader.use, own)]
     steps += [_step(stage, _with_units(stage, fixes[stage])) for stage in stages if stage in fixes]
-    steps += [_step("fuser.map", fixes.get("fuser.map", {})), _step("analyzer.consistency", {})]
+    steps += [_step(step.use, fixes.get(step.use, {})) for step in others]
     about = "best_accuracy with what recon doctor found put right before it."
     return Pipeline("fixed", tuple(steps), about=about)
 

@@ -21,6 +21,7 @@ _LARGE_RESIDUAL: Final = 2.0
 """Root mean square of accepted residuals in sigmas."""
 _LARGE_DRIFT: Final = (20.0, 5.0)
 """m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
+_ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
 """m/s; whoever drives faster drives forward."""
@@ -31,7 +32,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
     solved, fixes = found.solved, observed.fixes
     notes = []
     if not solved.converged:
-        notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it")
+        notes.append(f"the solution has not converged in {solved.steps} steps: do not trust it; {_ASK}")
     if has(gnss, "lat") and not np.isfinite(fixes.pos_sigma[:2]).any():
         notes.append("no GNSS positions: latitude and longitude are 0 or missing in every row, as without a fix")
     notes += _misfit("positions", fixes.pos_sigma, solved.pos_weight, solved.pos_residual, found)
@@ -40,7 +41,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
     if drift > max(_LARGE_DRIFT[0], _LARGE_DRIFT[1] * expected):
         notes.append(
             f"GNSS positions stray by {drift:.0f} m from where the motion leads, {expected:.1f} m were expected: "
-            "do not trust the positions; are lat and lon right?"
+            f"do not trust the positions; are lat and lon right? {_ASK}"
         )
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
 

@@ -169,7 +169,7 @@ def axes_of(accel: Group) -> list[tuple[str, str]]:
         return [("# axes: FLU", f"check: gravity shows as {shown}; without axes they come as logged")]
     if mean[2] > 0:
         return [("axes: FLU", f"check: z shows {mean[2]:.3g}, so z points up; x forward?")]
-    reason = f"check: z shows {mean[2]:.3g}: down (x forward?), or up with 'at_rest: down' as on iPhones"
+    reason = f"check: z shows {mean[2]:.3g}: down (x forward?), or up, with 'at_rest: down' in accel, as on iPhones"
     return [("axes: FRD", reason)]
 
 

@@ -121,7 +121,7 @@ def _at_length(one: dict[str, Any]) -> list[str]:
 def _value(one: dict[str, Any]) -> str:
     value = one["value"]
     if value is None:
-        return "-" if one["status"] != "confirmed" else "yes"
+        return "-"
     return value if isinstance(value, str) else f"{value:.4g}"
 
 

@@ -198,4 +198,7 @@ def test_shifts_of_a_zone_and_of_a_lag_add_up_in_the_pipeline():
 
     texts = [yaml_of({"aligner.time_offset": {"shift": shift}}) for shift in (7200.0, 0.274)]
     pipeline = repaired(merged(map(fix_in, texts)), {})
-    assert Pipeline.from_text(pipeline.to_yaml()).steps[1].params.plain() == {"shift": "7200.274 s"}
+    steps = Pipeline.from_text(pipeline.to_yaml()).steps
+    assert steps[1].params.plain() == {"shift": "7200.274 s"}
+    best = [step.use for step in Pipeline.from_file("best_accuracy").steps]
+    assert [step.use for step in steps] == [best[0], "aligner.time_offset", *best[1:]]
