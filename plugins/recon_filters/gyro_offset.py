@@ -59,20 +59,27 @@ def gyro_offset(*, imu: pa.Table, events: pa.Table | None, params: GyroOffsetPar
     events : those of kind standstill count
     """
     t_ns, gyro = time_ns(imu), matrix(imu, "gyro", gaps=True)
-    stops, samples = _stops(t_ns, gyro, events)
+    stops, samples = stops_of(t_ns, gyro, events)
     if not samples:
         return {"imu": imu, "metrics": metrics([Metric("stops", 0.0), warning("no standstill: gyro offset is kept")])}
     offsets = np.array([sample.mean(axis=0) for sample in samples])
     learnt = [Metric("stops", float(len(samples)))]
     for number, (start, sample) in enumerate(zip(stops[:, 0], samples, strict=True), start=1):
         learnt += _learnt(sample, f"stop {number}, {(start - t_ns[0]) * 1e-9:.2f} s after the first row")
-    offset = _hold(t_ns, stops, offsets) if params.between == "hold" else _linear(t_ns, stops, offsets)
+    offset = between_stops(t_ns, stops, offsets, params.between)
     return {"imu": replace(imu, gyro=gyro - offset), "metrics": metrics(learnt)}
 
 
-def _stops(t_ns: NDArray[np.int64], gyro: Array, events: pa.Table | None) -> tuple[Spans, list[Array]]:
-    """Stops that hold samples of the gyroscopes, and those samples, each (m, 3) rad/s."""
+def stops_of(
+    t_ns: NDArray[np.int64], gyro: Array, events: pa.Table | None, longest_ns: int | None = None
+) -> tuple[Spans, list[Array]]:
+    """Stops that hold samples of the gyroscopes, and those samples, each (m, 3) rad/s.
+
+    longest_ns : stops that last longer come in equal pieces; None leaves them whole
+    """
     stops = _apart(spans(events, "standstill"))
+    if longest_ns is not None:
+        stops = _pieces(stops, longest_ns)
     first = np.searchsorted(t_ns, stops[:, 0], side="left")
     stop = np.searchsorted(t_ns, stops[:, 1], side="right")
     known = np.asarray(np.isfinite(gyro).all(axis=1))
@@ -90,6 +97,20 @@ def _apart(pairs: Iterable[tuple[int, int]]) -> Spans:
         else:
             joined.append((start, end))
     return np.array(joined, dtype=np.int64).reshape(-1, 2)
+
+
+def _pieces(stops: Spans, longest_ns: int) -> Spans:
+    """The stops, each in as few equal pieces as are short enough; a piece ends 1 ns before the next."""
+    pieces = []
+    for start, end in stops.tolist():
+        edges = np.linspace(0, end - start, max(1, -(-(end - start) // longest_ns)) + 1).astype(np.int64) + start
+        pieces.append(np.column_stack((edges[:-1], np.append(edges[1:-1] - 1, end))))
+    return np.concatenate(pieces) if pieces else stops
+
+
+def between_stops(t_ns: NDArray[np.int64], stops: Spans, offsets: Array, how: Literal["hold", "linear"]) -> Array:
+    """Offset (n, 3) rad/s at each row from those of the stops (k, 3), as `between` of GyroOffsetParams says."""
+    return _hold(t_ns, stops, offsets) if how == "hold" else _linear(t_ns, stops, offsets)
 
 
 def _hold(t_ns: NDArray[np.int64], stops: Spans, offsets: Array) -> Array:

@@ -1,0 +1,204 @@
+"""Offset of the gyroscopes against their temperature: fitted at stops, used between them, remembered per device.
+
+    offset(t) = c_1 (T - T_0) + c_2 (T - T_0)^2 + r_k,    T_0 = 25 degC,
+
+where r_k is what stop k showed beside the model, so that a stop is met exactly and the model tells the change since.
+The slopes c are those that explain best how the offset changed from stop to stop within a drive, over all drives of the
+device; each drive has a constant of its own, for a gyroscope wakes up with another offset each time. They are known
+beforehand to be about zero: without changes of temperature they stay so, and this is filter.gyro_offset.
+
+`calibration` names a file of one device. It holds the sums of each drive that was run with it, under the time of its
+first row: a drive that is run again takes the place of its own, so the result does not depend on how often. The file is
+made where it is not there. Do not run drives of one device at the same time: the last to write would win.
+
+References
+    IEEE Std 952-1997, section 12.11 (temperature sensitivity of the bias), least squares with a constant per group.
+    Thesis, chapter 9.1.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from recon import (
+    EVENTS,
+    IMU,
+    SAME,
+    Array,
+    DataError,
+    Filter,
+    Metric,
+    Params,
+    Streams,
+    has,
+    hookimpl,
+    matrix,
+    metrics,
+    quantity,
+    replace,
+    setting,
+    time_ns,
+    vector,
+    warning,
+)
+from recon.numerics.signals import median_rate, moving_average
+from recon.storage.atomic import staged_file
+from recon_filters.gyro_offset import Spans, between_stops, stops_of
+
+REFERENCE_K: Final = 298.15
+_MARK: Final = "recon_gyro_calibration"
+_PIECE_NS: Final = 20_000_000_000
+"""A long stop is several: its temperature changes."""
+_SMOOTH_S: Final = 10.0
+"""A thermometer is coarse and noisy, and the sensor slow to warm up."""
+_PRIOR: Final = np.radians((0.05, 0.001))
+"""rad/s/K and rad/s/K^2, sigma of the slopes of consumer sensors."""
+
+
+class GyroTemperatureParams(Params):
+    """Parameters of filter.gyro_temperature."""
+
+    model: Literal["linear", "quadratic"] = setting("quadratic", doc="Of the offset against the temperature.")
+    between: Literal["hold", "linear"] = setting(
+        "hold", doc="What a stop showed beside the model: kept until the next, or on a straight line to the next."
+    )
+    stop_sigma: float = quantity(
+        0.01, "deg/s", gt=0, doc="Of an offset found at a stop, its walk since the last included."
+    )
+    calibration: str | None = setting(None, doc="File of the device, read and updated; none: this drive alone.")
+
+
+class Sums(NamedTuple):
+    """Of one drive, about its own means: products of the powers of T (2, 2), and with the offsets (2, 3) rad/s."""
+
+    powers: Array
+    offsets: Array
+
+
+def gyro_temperature(*, imu: pa.Table, events: pa.Table | None, params: GyroTemperatureParams) -> Streams:
+    """The imu with the offset taken off gyro; unchanged, with a warning, where there is no standstill.
+
+    imu : gyro rad/s, any frame; temperature K
+    events : those of kind standstill count
+    raises : DataError where the calibration is no such file
+    """
+    t_ns, gyro = time_ns(imu), matrix(imu, "gyro", gaps=True)
+    drives = _read(params.calibration)
+    stops, samples = stops_of(t_ns, gyro, events, longest_ns=_PIECE_NS)
+    if not samples:
+        return {"imu": imu, "metrics": metrics([Metric("stops", 0.0), warning("no standstill: gyro offset is kept")])}
+    offsets = np.array([sample.mean(axis=0) for sample in samples])
+    powers = _powers(imu, t_ns)
+    learnt = [Metric("stops", float(len(stops)), note="in pieces of at most 20 s")]
+    if powers is None:
+        powers = np.zeros((len(t_ns), 2))
+        learnt.append(warning("imu tells no temperature: the offset of each stop is kept until the next"))
+    at_stops = _means(t_ns, stops, powers)
+    drives[str(t_ns[0])] = _sums(at_stops, offsets)
+    slopes, sigma = _slopes(drives.values(), params)
+    beside = between_stops(t_ns, stops, offsets - at_stops @ slopes, params.between)
+    if params.calibration is not None:
+        _write(params.calibration, drives)
+    corrected = replace(imu, gyro=gyro - powers @ slopes - beside)
+    return {"imu": corrected, "metrics": metrics([*learnt, *_told(slopes, sigma, len(drives))])}
+
+
+def _powers(imu: pa.Table, t_ns: NDArray[np.int64]) -> Array | None:
+    """T - T_0 and its square at each row: (n, 2) K, K^2; None where no temperature is known."""
+    if not has(imu, "temperature"):
+        return None
+    celsius = vector(imu, "temperature", gaps=True) - REFERENCE_K
+    known = np.isfinite(celsius)
+    if not known.any():
+        return None
+    filled = np.interp((t_ns - t_ns[0]) * 1e-9, (t_ns[known] - t_ns[0]) * 1e-9, celsius[known])
+    if len(t_ns) > 1:
+        filled = moving_average(filled, 2 * round(0.5 * _SMOOTH_S * median_rate(t_ns)) + 1)
+    return np.column_stack((filled, filled**2))
+
+
+def _means(t_ns: NDArray[np.int64], stops: Spans, powers: Array) -> Array:
+    """Means of the powers over each stop: (k, 2)."""
+    first, stop = np.searchsorted(t_ns, stops[:, 0], "left"), np.searchsorted(t_ns, stops[:, 1], "right")
+    return np.array([powers[a:b].mean(axis=0) for a, b in zip(first, stop, strict=True)])
+
+
+def _sums(powers: Array, offsets: Array) -> Sums:
+    powers, offsets = powers - powers.mean(axis=0), offsets - offsets.mean(axis=0)
+    return Sums(powers.T @ powers, powers.T @ offsets)
+
+
+def _slopes(drives: Iterable[Sums], params: GyroTemperatureParams) -> tuple[Array, Array]:
+    """Slopes (2, 3) rad/s/K and rad/s/K^2, and their sigma (2,); least squares with the prior."""
+    powers, offsets = (np.sum(sums, axis=0) for sums in zip(*drives, strict=True))
+    variance = params.stop_sigma**2
+    prior = _PRIOR * (1.0, 1.0 if params.model == "quadratic" else 0.0)
+    used = prior > 0.0
+    normal = powers[np.ix_(used, used)] / variance + np.diag(prior[used] ** -2)
+    slopes, sigma = np.zeros((2, 3)), np.zeros(2)
+    slopes[used] = np.linalg.solve(normal, offsets[used] / variance)
+    sigma[used] = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return slopes, sigma
+
+
+def _read(name: str | None) -> dict[str, Sums]:
+    """Sums of the drives in the file, none where there is no file yet."""
+    if name is None or not Path(name).exists():
+        return {}
+    try:
+        held = json.loads(Path(name).read_text(encoding="utf-8"))
+        if held[_MARK] != 1:
+            raise KeyError(_MARK)
+        return {key: _checked(entry) for key, entry in held["drives"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DataError(
+            f"{name} is no calibration of gyroscopes that filter.gyro_temperature wrote",
+            "name another file; one that is not there yet is made",
+        ) from error
+
+
+def _checked(entry: Any) -> Sums:
+    sums = Sums(*(np.array(entry[name], dtype=np.float64) for name in Sums._fields))
+    if sums.powers.shape != (2, 2) or sums.offsets.shape != (2, 3) or not np.isfinite(np.hstack(sums)).all():
+        raise ValueError("sums of another shape")
+    return sums
+
+
+def _write(name: str, drives: dict[str, Sums]) -> None:
+    held = {key: {name: values.tolist() for name, values in sums._asdict().items()} for key, sums in drives.items()}
+    with staged_file(Path(name)) as path:
+        path.write_text(json.dumps({_MARK: 1, "drives": dict(sorted(held.items()))}, indent=1) + "\n", encoding="utf-8")
+
+
+def _told(slopes: Array, sigma: Array, drives: int) -> list[Metric]:
+    note = f"from {drives} drives" if drives > 1 else "from this drive"
+    slopes, sigma = np.degrees(slopes), np.degrees(sigma)
+    return [
+        Metric(f"gyro_{name}_{axis}", float(slopes[row, column]), unit, float(sigma[row]), note=note)
+        for row, (name, unit) in enumerate((("per_kelvin", "deg/s/K"), ("per_kelvin_squared", "deg/s/K^2")))
+        for column, axis in enumerate("xyz")
+    ]
+
+
+@hookimpl
+def declare_filters() -> Iterable[Filter]:
+    """filter.gyro_temperature."""
+    yield Filter(
+        name="gyro_temperature",
+        summary="Takes off the offset of the gyroscopes by their temperature, as learnt at standstills.",
+        params=GyroTemperatureParams,
+        reads={
+            "imu": IMU.need("gyro", maybe=("temperature",)),
+            "events": EVENTS.need("time", "end_time", "kind", optional=True),
+        },
+        writes={"imu": SAME},
+        run=gyro_temperature,
+        references=("IEEE Std 952-1997, section 12.11",),
+    )

@@ -1,0 +1,93 @@
+"""What filter.gyro_temperature gains over filter.gyro_offset on simulated drives with a gyroscope that warms up.
+
+    python tests/benchmarks/gyro_temperature.py [SEEDS]
+
+Each seed is a device with slopes and curvatures of its own (sigma 0.02 deg/s/K and 0.0003 deg/s/K^2 on each axis),
+driven for 20 minutes on country roads, IMU `consumer_mems`. It starts at 5 to 20 degC and warms up by 15 to 30 K with 8
+to 15 minutes; the thermometer has steps of 0.25 K and noise of 0.2 K. In the last two columns only the stop at the
+start is known; "remembered" has seen two drives before, of other weather and another offset at power-on. The error is
+what is left of the bias in motion, rms over the three axes.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.tables import Array, matrix, replace, seconds
+from recon_detectors.standstill_speed import StandstillSpeedParams, standstill_speed
+from recon_filters.gyro_offset import GyroOffsetParams, gyro_offset
+from recon_filters.gyro_temperature import REFERENCE_K, GyroTemperatureParams, gyro_temperature
+from recon_simulators.drive import simulate_drive
+from recon_simulators.drive_params import DriveParams
+
+SEEDS = 12
+METHODS = ("gyro_offset", "linear", "quadratic", "first stop", "remembered")
+AGAINST = {"linear": "gyro_offset", "quadratic": "gyro_offset", "remembered": "first stop"}
+
+
+def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Array]:
+    """imu with temperature, events, and the true bias (n, 3) rad/s of the drive of this number of a device."""
+    device, rng = np.random.default_rng(seed), np.random.default_rng((seed, number))
+    slope, bend = np.radians(device.normal(0.0, 0.02, 3)), np.radians(device.normal(0.0, 0.0003, 3))
+    made = simulate_drive(
+        DriveParams(
+            motion="country",
+            duration=duration_s,
+            route=10 * seed + number,
+            seed=10 * seed + number,
+            imu_rate=50.0,
+            gyro_scale=0.0,
+            start=f"2024-05-{number + 1:02d}T08:00:00Z",
+        )
+    )
+    imu = made["imu"]
+    t_s = seconds(imu)
+    cold, rise, time_s = rng.uniform(5.0, 20.0), rng.uniform(15.0, 30.0), rng.uniform(480.0, 900.0)
+    celsius = cold + rise * -np.expm1(-t_s / time_s)
+    above = (celsius - (REFERENCE_K - 273.15))[:, None]
+    moved = slope * above + bend * above**2
+    seen = np.round((celsius + rng.normal(0.0, 0.2, len(t_s))) / 0.25) * 0.25
+    imu = replace(imu, gyro=matrix(imu, "gyro") + moved, temperature=seen + 273.15)
+    events = standstill_speed(gnss=made["gnss"], imu=None, params=StandstillSpeedParams())["events"]
+    still = np.linalg.norm(matrix(made["reference"], "vel"), axis=1) < 0.1
+    return imu, events, np.where(still[:, None], np.nan, matrix(made["imu_truth"], "gyro_bias") + moved)
+
+
+def case(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
+    """Error of the bias by method, deg/s."""
+    imu, events, bias = warm_drive(seed, 2, duration_s)
+    found = {"gyro_offset": gyro_offset(imu=imu, events=events, params=GyroOffsetParams())}
+    for model in ("linear", "quadratic"):
+        found[model] = gyro_temperature(imu=imu, events=events, params=GyroTemperatureParams(model=model))
+    first = events.slice(0, 1)
+    found["first stop"] = gyro_offset(imu=imu, events=first, params=GyroOffsetParams())
+    with tempfile.TemporaryDirectory() as folder:
+        remembering = GyroTemperatureParams(calibration=str(Path(folder, "device.json")))
+        for number in (0, 1):
+            before = warm_drive(seed, number, duration_s)
+            gyro_temperature(imu=before[0], events=before[1], params=remembering)
+        found["remembered"] = gyro_temperature(imu=imu, events=first, params=remembering)
+    taken_off = {name: matrix(imu, "gyro") - matrix(streams["imu"], "gyro") for name, streams in found.items()}
+    return {name: float(np.degrees(np.sqrt(np.nanmean((off - bias) ** 2)))) for name, off in taken_off.items()}
+
+
+def main() -> None:
+    """Print a line for each seed and the medians."""
+    cases = [case(seed) for seed in range(int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS)]
+    print("seed " + " ".join(f"{name:>12s}" for name in METHODS) + "    deg/s")
+    for seed, errors in enumerate(cases):
+        print(f"{seed:4d} " + " ".join(f"{errors[name]:12.4f}" for name in METHODS))
+    print("all  " + " ".join(f"{np.median([errors[name] for errors in cases]):12.4f}" for name in METHODS))
+    for name, without in AGAINST.items():
+        print(
+            f"{name} better than {without}: {sum(errors[name] < errors[without] for errors in cases)} of {len(cases)}"
+        )
+
+
+if __name__ == "__main__":
+    main()
