@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from recon.driving import Observed
 from recon.numerics.barometer import height_scale, pressure_height
-from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, slerp, to_rotvec
+from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, rotate, slerp, to_rotvec
 from recon.numerics.smoothing import level_rotation, positions_n
 from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
 from recon.numerics.smoothing.soa import mtv
@@ -114,8 +114,7 @@ def _rate(visual: pa.Table, imu: pa.Table, start_ns: int) -> Rate:
     felt = to_rotvec(multiply(conjugate(first), last)) / span_s[:, None]
     seen = to_rotvec(matrix(visual, "q")[inside]) / span_s[:, None]
     sigma = vector(visual, "rotation_std")[inside] / span_s
-    middle_s = (t_ns - start_ns + (end_ns - t_ns) // 2) * 1e-9
-    return Rate(middle_s, span_s, felt.T, seen.T, None, sigma)
+    return Rate(_middle_s(visual, start_ns)[inside], span_s, felt.T, seen.T, None, sigma)
 
 
 def _direction(visual: pa.Table, start_ns: int, trust: AidTrust) -> list[Direction]:
@@ -123,5 +122,12 @@ def _direction(visual: pa.Table, start_ns: int, trust: AidTrust) -> list[Directi
         return []
     sigma, way = vector(visual, "direction_std", gaps=True), matrix(visual, "direction", gaps=True)
     known = np.isfinite(sigma) & np.isfinite(way).all(axis=1)
-    t_s = seconds(visual, since=start_ns)[known]
-    return [Direction(t_s, way[known].T, sigma[known], trust.camera)] if known.any() else []
+    half = from_rotvec(-0.5 * to_rotvec(matrix(visual, "q")[known]))  # in a bend a chord lies along its middle
+    t_s = _middle_s(visual, start_ns)[known]
+    return [Direction(t_s, rotate(half, way[known]).T, sigma[known], trust.camera)] if known.any() else []
+
+
+def _middle_s(visual: pa.Table, start_ns: int) -> Array:
+    """The middle between two images, s."""
+    t_ns, end_ns = time_ns(visual), time_ns(visual, "end_time")
+    return (t_ns - start_ns + (end_ns - t_ns) // 2) * 1e-9
