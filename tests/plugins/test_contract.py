@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import autopilot_logs
+import cv2
 import measurement_logs
 import numpy as np
 import phone_logs
@@ -23,15 +24,16 @@ from fuzz import log_files
 
 from recon.pytest_plugin import MARK
 from recon.registry import Registry
-from recon.schema import ATTITUDE, IMU
+from recon.schema import ATTITUDE, FRAMES, IMU
 from recon.stages import Exporter, Reader
-from recon.tables import matrix, replace, seconds, time_ns, vector
+from recon.tables import build, matrix, replace, seconds, time_ns, vector, with_meta
 from recon.testing import BoundLaw, Case, contract
 from recon.testing.drives import drive, serve
 from recon.testing.samples import samples
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
 from recon_filters.terrain import TerrainParams
+from recon_integrators.visual_odometry import VisualOdometryParams
 from recon_readers.csv import CsvParams
 from recon_readers.mf4 import Mf4Params
 from recon_readers.ubx import UbxParams
@@ -42,7 +44,7 @@ FULLINERTIAL, RECORDS = FOLDER / "fullinertial.txt", FOLDER / "gnss.json"
 TABLE = FOLDER / "drive.csv"
 INERTIAL, PARQUET, MCAP = (FOLDER / name for name in ("inertial.txt", "kept_parquet", "kept_mcap"))
 BAGS = {form: FOLDER / ("drive.bag" if form == "bag" else f"bag_{form}") for form in ("bag", "sqlite3", "mcap")}
-IMAGES = FOLDER / "images"
+IMAGES, VIEWS = FOLDER / "images", FOLDER / "views"
 FLIGHTS = {name: FOLDER / f"flight.{name}" for name in ("ulg", "bin", "tlog")}
 MEASURED = FOLDER / "drive.mf4"
 SEGMENT, NAVEGO = FOLDER / "comma2k19" / "40", FOLDER / "navego"
@@ -61,7 +63,8 @@ IN_ONE_FRAME = "filter.absolute_acceleration"
 BY_A_MAP = "filter.terrain"
 HEIGHTS = FOLDER / "heights.tif"
 BY_THE_MAGNETIC_FIELD = ("integrator.madgwick", "integrator.mahony", "integrator.vqf")
-OF_THEIR_OWN = (Reader.role, Exporter.role, IN_ONE_FRAME, BY_A_MAP, *BY_THE_MAGNETIC_FIELD)
+BY_IMAGES = "integrator.visual_odometry"
+OF_THEIR_OWN = (Reader.role, Exporter.role, IN_ONE_FRAME, BY_A_MAP, BY_IMAGES, *BY_THE_MAGNETIC_FIELD)
 WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith(OF_THEIR_OWN)]
 
 MAPPING = {
@@ -76,7 +79,7 @@ MAPPING = {
 @pytest.fixture(scope="module", autouse=True)
 def files() -> Iterator[None]:
     """What the readers read."""
-    FOLDER.mkdir()
+    FOLDER.mkdir(exist_ok=True)  # the images are there
     samples(FOLDER)
     FULLINERTIAL.write_text(fullinertial(), encoding="utf-8")
     TABLE.write_text(table(), encoding="utf-8")
@@ -222,6 +225,29 @@ def test_of_one_frame(law: BoundLaw) -> None:
     expected_failures={"shifting_all_times_shifts_the_result": "the Earth's field changes with the date"},
 )
 def test_attitude_filters(law: BoundLaw) -> None:
+    law()
+
+
+def pictures() -> Case:
+    """Four images of a wall that a camera comes nearer to, and how they are read."""
+    VIEWS.mkdir(parents=True, exist_ok=True)
+    wall = cv2.GaussianBlur(np.random.default_rng(1).uniform(0.0, 255.0, (240, 320)), (0, 0), 2.0)
+    wall = cv2.normalize(wall, None, 0.0, 255.0, cv2.NORM_MINMAX)
+    for number in range(4):
+        nearer = cv2.getRotationMatrix2D((160.0, 120.0), 0.0, 1.0 + 0.02 * number)
+        cv2.imwrite(str(VIEWS / f"{number}.png"), cv2.warpAffine(wall, nearer, (320, 240)).astype(np.uint8))
+    frames = build(
+        FRAMES,
+        time=1_700_000_000_000_000_000 + 100_000_000 * np.arange(4),
+        index=np.arange(4),
+        file=pa.array([f"{number}.png" for number in range(4)]),
+    )
+    params = VisualOdometryParams(folder=str(VIEWS), focal=(260.0, 260.0), centre=(160.0, 120.0), mounting=(0.0,) * 3)
+    return Case("wall", params, {"frames": with_meta(frames, time_scale="UTC", clock="absolute")})
+
+
+@contract(BY_IMAGES, cases=[pictures()])
+def test_visual_odometry(law: BoundLaw) -> None:
     law()
 
 

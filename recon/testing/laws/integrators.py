@@ -30,7 +30,12 @@ SHARE: Final = 0.7
 """Of 2^order, for the next power of the step and the order of one step less at the ends of a record."""
 
 
-@law(Integrator)
+def gives_motion(stage: Integrator) -> bool:
+    """Attitude or trajectory of what moves, and not how an image differs from the one before."""
+    return bool({"attitude", "trajectory"} & stage.writes.keys())
+
+
+@law(Integrator, when=gives_motion)
 def rest_stays_at_rest(subject: Subject) -> None:
     """From ideal sensors at rest no attitude changes and no motion comes."""
     recording = drive(Conditions(noise=0.0, motion=STAND))
