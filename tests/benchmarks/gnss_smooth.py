@@ -1,9 +1,10 @@
 """What filter.gnss_smooth gains on simulated city drives: the wander at stops, and the error in the drive.
 
-    python tests/benchmarks/gnss_smooth.py [SEEDS]
+    python tests/benchmarks/gnss_smooth.py [SEEDS [SENSORS]]
 
-Each seed has a route of its own of 600 s, sensors `consumer_mems`. The wander of a stop is the way that the fixes go in
-it, horizontally, where the truth stands; the errors are horizontal, at the antenna of a receiver without lever arm.
+Each seed has a route of its own of 600 s; SENSORS is a preset of simulator.drive, by default `consumer_mems`. The
+wander of a stop is the way that the fixes go in it, horizontally, where the truth stands; the errors are horizontal, at
+the antenna of a receiver without lever arm.
 """
 
 from __future__ import annotations
@@ -32,10 +33,17 @@ class Errors(NamedTuple):
     motion: float
 
 
-def case(seed: int, duration_s: float = 600.0) -> tuple[Errors, Errors]:
+def case(seed: int, duration_s: float = 600.0, sensors: str = "consumer_mems") -> tuple[Errors, Errors]:
     """Errors of the fixes without the filter and with it."""
     log = simulate_drive(
-        DriveParams(motion="city", duration=duration_s, route=seed, seed=seed, lever_arm=(0.0, 0.0, 0.0))
+        DriveParams(
+            motion="city",
+            sensors=sensors,
+            duration=duration_s,
+            route=seed,
+            seed=seed,
+            lever_arm=(0.0, 0.0, 0.0),
+        )
     )
     gnss = gnss_kinematics(gnss=log["gnss"], params=GnssKinematicsParams())["gnss"]
     events = standstill_speed(gnss=gnss, imu=None, params=StandstillSpeedParams())["events"]
@@ -63,7 +71,8 @@ def _rms(error: Array) -> float:
 
 def main() -> None:
     """Print a line for each seed and the medians."""
-    cases = [case(seed) for seed in range(int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS)]
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS
+    cases = [case(seed, sensors=sys.argv[2] if len(sys.argv) > 2 else "consumer_mems") for seed in range(count)]
     print("seed   wander at stops, m/h     error at stops, m    error in motion, m     (without, with)")
     for seed, (raw, smooth) in enumerate(cases):
         print(f"{seed:4d} " + " ".join(f"{a:10.2f} {b:10.2f}" for a, b in zip(raw, smooth, strict=True)))
