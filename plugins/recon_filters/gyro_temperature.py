@@ -12,7 +12,7 @@ first row: a drive that is run again takes the place of its own, so the result d
 made where it is not there. Do not run drives of one device at the same time: the last to write would win.
 
 References
-    IEEE Std 952-1997, section 12.11 (temperature sensitivity of the bias), least squares with a constant per group.
+    IEEE Std 952-1997: sensitivity of the bias to temperature.
     Thesis, chapter 9.1.
 """
 
@@ -200,5 +200,5 @@ def declare_filters() -> Iterable[Filter]:
         },
         writes={"imu": SAME},
         run=gyro_temperature,
-        references=("IEEE Std 952-1997, section 12.11",),
+        references=("IEEE Std 952-1997",),
     )

@@ -12,7 +12,7 @@ Where the force follows from the position it is symplectic, and the error of the
 gives the force as a function of time instead: then it is a rule of quadrature like others.
 
 References
-    Iserles, Munthe-Kaas, Norsett, Zanna (2000), "Lie-group methods", Acta Numerica 9, 215-365, sec. 5.4.
+    Iserles, Munthe-Kaas, Norsett, Zanna (2000), "Lie-group methods", Acta Numerica 9, 215-365.
     Hairer, Lubich, Wanner (2003), "Geometric numerical integration illustrated by the Stoermer-Verlet method",
     Acta Numerica 12, 399-450.
 """

@@ -72,6 +72,6 @@ def test_with_a_force_of_the_place_the_energy_of_a_spring_stays_for_40_000_steps
         speed += verlet_velocity(t_s, np.array([[-place], [-later]]), free)[1, 0]
         place = later
         energy.append(0.5 * (place**2 + speed**2))
-    # It swings by (w h)^2 / 4 of itself about that of a nearby motion and does not drift (Hairer et al., section 1.4).
+    # It swings by (w h)^2 / 4 of itself about that of a nearby motion and does not drift.
     assert np.ptp(energy) < 2.0 * 0.5 * 0.1**2 / 4.0
     assert np.mean(energy[-1000:]) == pytest.approx(np.mean(energy[:1000]), abs=1e-4 * 0.5)
