@@ -30,11 +30,15 @@ _APART_M: Final = 100.0
 
 @dataclass(frozen=True)
 class AidTrust:
-    """What is believed of the aids: m; m/sqrt(s); rad, of the mounting of the camera in the axes of the box."""
+    """What is believed of the aids: m; m/sqrt(s); rad, of the mounting of the camera in the axes of the box.
+
+    ground_level : m, height of the box above the map, in the datum of GNSS; None to take it from the heights of GNSS
+    """
 
     baro: float = 0.3
     baro_walk: float = 0.02
     camera: float = np.radians(0.3)
+    ground_level: float | None = None
 
 
 def aids_of(
@@ -54,7 +58,7 @@ def aids_of(
         aids.append(climb)
         learnt += found
     if ground is not None and ground.num_rows > 1 and observed.height:
-        plane, found = _ground(ground, observed, start_ns)
+        plane, found = _ground(ground, observed, start_ns, trust)
         aids.append(plane)
         learnt += found
     if visual is not None and visual.num_rows > 1 and imu.num_rows:
@@ -85,7 +89,7 @@ def _climb(baro: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -
     return Climb(t_s, scale * height, trust.baro, trust.baro_walk), learnt
 
 
-def _ground(ground: pa.Table, observed: Observed, start_ns: int) -> tuple[Ground, list[Metric]]:
+def _ground(ground: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -> tuple[Ground, list[Metric]]:
     t_s = seconds(ground, since=start_ns)
     lat, lon, height = (vector(ground, name) for name in ("lat", "lon", "height"))
     slope = np.array([vector(ground, "slope_e"), vector(ground, "slope_n")])
@@ -95,8 +99,9 @@ def _ground(ground: pa.Table, observed: Observed, start_ns: int) -> tuple[Ground
     normal_n = mtv(rot_nl.swapaxes(0, 1), np.vstack([-slope, np.ones((1, len(t_s)))]) / length)
     gnss, inside = _heights(observed, t_s)
     above = gnss[inside] - np.interp(observed.fixes.t_s[inside], t_s, pos_n[2])
-    level = float(np.median(above)) if len(above) else 0.0
-    learnt = [Metric("ground_level", level, "m", method="median", note="heights of GNSS less those of the map")]
+    level = trust.ground_level if trust.ground_level is not None else float(np.median(above)) if len(above) else 0.0
+    how = "median of the heights of GNSS less those of the map" if trust.ground_level is None else "given"
+    learnt = [Metric("ground_level", level, "m", method=how, note="height of the box above the map")]
     raised = pos_n + level * rot_nl[:, 2]
     return Ground(t_s, raised, normal_n, vector(ground, "height_std"), _APART_M), learnt
 

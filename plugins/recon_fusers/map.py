@@ -113,6 +113,9 @@ class MapParams(Params):
     wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
     baro_noise: float = quantity(0.3, "m", gt=0, doc="Error of a barometer's height, mean of two seconds.")
     baro_walk: float = quantity(0.02, "m/sqrt(s)", gt=0, doc="Random walk of the air's pressure, as height.")
+    ground_level: float | None = quantity(
+        None, "m", doc="Height of the box above the map of heights, in the datum of GNSS; none: as GNSS tells it."
+    )
     camera_sigma: float = quantity(0.3, "deg", gt=0, doc="How well the camera's mounting in the box is known.")
     first_attitude_sigma: float = quantity(2.0, "deg", gt=0, doc="How well the stream attitude is known, where given.")
     output_rate: float | None = quantity(None, "Hz", gt=0, doc="Rows of the trajectory per second; none: every record.")
@@ -149,7 +152,7 @@ def fuse_map(
     observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
     impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
-    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma)
+    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma, params.ground_level)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust)
     drive = replace(drive, aids=aids)
     found = solve(drive, model_of(params, attitude), noise_of(params, observed), params.estimate_noise)

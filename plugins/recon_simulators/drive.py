@@ -1,8 +1,8 @@
-"""A drive whose truth is known, as an IMU, a GNSS receiver, a magnetometer and the wheels log it.
+"""A drive whose truth is known, as an IMU, a GNSS receiver, a magnetometer, a barometer and the wheels log it.
 
 The motion is one of recon.numerics.motion, turned to the first heading and set down on the rotating ellipsoid at the
 start. The rear axle runs along the road; the body leans and bounces on it; the IMU is the origin of the vehicle. The
-errors are those of sensor_model, gnss_model and mag_model, in the size that presets or the user give.
+errors are those of sensor_model, gnss_model, mag_model and baro_model, in the size that presets or the user give.
 
 `reference` is the truth of the IMU at the times of imu. Its velocity and attitude are relative to East, North and Up of
 the place where the vehicle is, as receivers tell them; its `pos` is seen from the anchor, where the motion starts.
@@ -24,6 +24,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon import (
+    BARO,
     EVENTS,
     GNSS,
     IMU,
@@ -45,6 +46,7 @@ from recon.numerics.geodesy import Anchor, geodetic_to_enu, normal_gravity
 from recon.numerics.motion import EarthTruth, Springs
 from recon.numerics.rotation import Floats, conjugate, from_euler, rotate
 from recon.schema import IMU_TRUTH, Schema
+from recon_simulators.baro_model import barometer
 from recon_simulators.drive_params import DriveParams, since_1970_ns
 from recon_simulators.gnss_model import (
     GnssFixes,
@@ -86,7 +88,7 @@ def simulate_drive(params: DriveParams) -> Streams:
     Raises DataError where the parameters contradict each other: a crash that loses more speed than there is, a drive
     shorter than its rest, a jitter beyond half a sample.
     """
-    device, imu_noise, gnss_noise, outage_places, wheel_noise, iron = np.random.default_rng(params.seed).spawn(6)
+    device, imu_noise, gnss_noise, outage_places, wheel_noise, iron, air = np.random.default_rng(params.seed).spawn(7)
     values = {name: _chosen(params, name) for name in NAMES}
     springs = Springs(*(values[f"body_{name}"] for name in ("slip", "pitch", "roll", "bounce", "heave")))
     try:
@@ -117,6 +119,10 @@ def simulate_drive(params: DriveParams) -> Streams:
         streams["metrics"] = metrics([*learnt, *seen.learnt])
     if params.wheel_rate is not None:
         streams["wheel"] = _wheel(route, params.wheel_rate, params, wheel_noise)
+    if params.baro_rate is not None:
+        t_s, pressure = barometer(route, params.baro_rate, params, air)
+        baro = build(BARO.only("pressure"), time=_stamps(t_s, params), pressure=pressure)
+        streams["baro"] = with_meta(baro, **_CLOCK)
     return streams
 
 
@@ -297,11 +303,12 @@ def _stamps(t_s: Floats, params: DriveParams) -> NDArray[np.int64]:
 
 
 def _plan(inputs: Mapping[str, Schema], params: DriveParams) -> dict[str, Schema]:
-    """Fixes with vectors of velocity, a magnetometer, and wheels, only where they are asked for."""
+    """Fixes with vectors of velocity, a magnetometer, a barometer and wheels, only where they are asked for."""
     fixes = [name for name in _FIXES if name != "vel" or params.gnss_vector]
     wheel = {"wheel": WHEEL.only("speed")} if params.wheel_rate is not None else {}
     mag = {"mag": MAG} if _chosen(params, "mag_rate") else {}
-    return {**_WRITES, "gnss": GNSS.only(*fixes), **mag, **wheel}
+    baro = {"baro": BARO.only("pressure")} if params.baro_rate is not None else {}
+    return {**_WRITES, "gnss": GNSS.only(*fixes), **mag, **baro, **wheel}
 
 
 @hookimpl
@@ -309,7 +316,7 @@ def declare_simulators() -> Iterable[Simulator]:
     """Declare simulator.drive."""
     yield Simulator(
         name="drive",
-        summary="A drive with known truth, as an IMU, a GNSS receiver, a magnetometer and the wheels log it.",
+        summary="A drive with known truth, as IMU, GNSS, magnetometer, barometer and wheels log it.",
         version=2,
         params=DriveParams,
         run=simulate_drive,

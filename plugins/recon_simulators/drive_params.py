@@ -158,7 +158,17 @@ class _Compass(_Car):
     )
 
 
-class DriveParams(_Compass):
+class _Air(_Compass):
+    baro_rate: float | None = quantity(None, "Hz", gt=0, doc="Samples of a barometer per second; none: there is none.")
+    baro_noise: float = quantity(0.3, "m", ge=0, doc="Sigma of each sample, as height.")
+    baro_walk: float = quantity(0.02, "m/sqrt(s)", ge=0, doc="Random walk of the weather, as height.")
+    baro_scale: float = quantity(2.0, "%", ge=0, doc="Sigma of the scale of climbs: the air is not standard.")
+    baro_jump_rate: float = quantity(0.0, "1/h", ge=0, doc="Windows, fans and tunnels that move the pressure.")
+    baro_jump: Pair = quantity((3.0, 15.0), "m", doc="Least and largest step of these, as height.")
+    baro_jump_length: Pair = quantity((5.0, 60.0), "s", doc="Shortest and longest time for which one lasts.")
+
+
+class DriveParams(_Air):
     """Parameters of simulator.drive. None leaves a value to the motion or to the preset of the sensors."""
 
     gnss_rate: float | None = quantity(None, "Hz", gt=0, doc="Fixes per second.")
@@ -210,7 +220,7 @@ class DriveParams(_Compass):
 
     @field_validator(
         "vibration_band", "multipath_size", "multipath_length", "outage_length", "mag_disturbance",
-        "mag_disturbance_length",
+        "mag_disturbance_length", "baro_jump", "baro_jump_length",
     )  # fmt: skip
     @classmethod
     def _rising(cls, value: Pair | None) -> Pair | None:

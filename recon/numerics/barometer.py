@@ -39,6 +39,12 @@ def pressure_height(pressure: ArrayLike) -> Floats:
     return np.asarray(_TEMPERATURE / _LAPSE * (ratio**_EXPONENT - 1.0))
 
 
+def height_pressure(height: ArrayLike) -> Floats:
+    """The inverse of `pressure_height`: (n,) Pa at (n,) m."""
+    ratio = 1.0 + _LAPSE / _TEMPERATURE * np.asarray(height, dtype=np.float64)
+    return np.asarray(_PRESSURE * ratio ** (1.0 / _EXPONENT))
+
+
 def height_scale(height: Floats, reference: Floats, sigma: float, independent: float) -> tuple[float, float]:
     """By how much differences of pressure height must be multiplied, and its sigma, from heights known otherwise.
 
