@@ -20,7 +20,7 @@ from recon.numerics.smoothing import level_rotation, positions_n
 from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
 from recon.numerics.smoothing.soa import mtv
 from recon.rows import Metric
-from recon.tables import Array, has, matrix, seconds, time_ns, vector
+from recon.tables import Array, has, matrix, seconds, select_rows, time_ns, vector
 
 _CORRELATED_S: Final = 200.0
 """s in which errors of GNSS heights are the same."""
@@ -53,8 +53,9 @@ def aids_of(
     """The aids that the streams give, and what was learnt of them. start_ns : time zero."""
     aids: list[Aid] = []
     learnt: list[Metric] = []
-    if baro is not None and baro.num_rows > 1:
-        climb, found = _climb(baro, observed, start_ns, trust)
+    told = None if baro is None else np.isfinite(vector(baro, "pressure", gaps=True))
+    if baro is not None and told is not None and told.sum() > 1:
+        climb, found = _climb(select_rows(baro, told), observed, start_ns, trust)
         aids.append(climb)
         learnt += found
     if ground is not None and ground.num_rows > 1 and observed.height:
@@ -75,9 +76,7 @@ def _heights(observed: Observed, t_s: Array) -> tuple[Array, Array]:
 
 
 def _climb(baro: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -> tuple[Climb, list[Metric]]:
-    pressure = vector(baro, "pressure", gaps=True)
-    known = np.isfinite(pressure) & (pressure > 0.0)
-    t_s, height = seconds(baro, since=start_ns)[known], pressure_height(pressure[known])
+    t_s, height = seconds(baro, since=start_ns), pressure_height(np.maximum(vector(baro, "pressure"), 1.0))
     gnss, inside = _heights(observed, t_s)
     scale, sigma = 1.0, float("nan")
     if inside.sum() > 2:

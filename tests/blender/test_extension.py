@@ -105,6 +105,7 @@ def test_what_is_set_in_the_panel_and_only_that_is_passed_on_with_its_unit(used)
         "aligner.lever_arm.lever_arm=[1.2 m, 0 m, 0.3 m]",
         "exporter.blender.start=55 s",
         "exporter.blender.end=66 s",
+        "exporter.blender.slow_motion=1",
         "exporter.blender.blender=none",
     ]
     pipeline = with_exports(Pipeline.from_file("crash"), ["blender"])

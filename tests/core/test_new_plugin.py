@@ -229,7 +229,7 @@ BREAKS = [
         "pos_std=np.hypot(",
         "pos_std=100.0 * np.hypot(",
         "the_error_is_as_large_as_its_sigma_says",
-        "the error of pos_e is 0.01 times its sigma",
+        "the error of pos_e is 0.02 times its sigma",
     ),
     Break(
         "analyzer",

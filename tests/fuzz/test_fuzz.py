@@ -26,6 +26,10 @@ TARGETS = [
 ]
 
 
+NEVER_REFUSED = ("ubx", "novatel")
+"""Messages of their own, each with a checksum: whatever is damaged, others are left."""
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_damaged_files_give_rows_or_an_error_of_ours(target: str) -> None:
     ended = fuzz(target)
@@ -33,7 +37,7 @@ def test_damaged_files_give_rows_or_an_error_of_ours(target: str) -> None:
     gave, refused = (int(part.split()[0]) for part in ended.stdout.removeprefix(f"{target}: ").split(",")[:2])
     assert gave + refused == CASES
     assert gave > 0
-    assert refused > 0
+    assert refused > 0 or target in NEVER_REFUSED
 
 
 @pytest.mark.parametrize(

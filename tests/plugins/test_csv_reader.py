@@ -663,7 +663,7 @@ def test_nothing_is_proposed_where_nothing_tells_the_time(tmp_path: Path) -> Non
 REAL = [
     ("dresden_car", "balzer82_dresden/2014-03-26-000-Data.csv", {"imu": 10_800, "gnss": 2_121}),
     ("dresden_car", "balzer82_dresden/2014-02-14-data_from_karanchawla.csv", {"imu": 1_500, "gnss": 301}),
-    ("dresden_motorbike", "balzer82_dresden/2016-08-09-Motorbike.csv", {"imu": 5_353, "gnss": 107}),
+    ("dresden_motorbike", "balzer82_dresden/2016-08-09-Motorbike.csv", {"imu": 5_353, "gnss": 107, "mag": 2_765}),
     ("boston_car", "neu_boston_car/first_test/town_imu.csv", {"imu": 26_857, "mag": 26_857}),
     ("boston_car", "neu_boston_car/first_test/town_gps.csv", {"gnss": 664}),
     ("boston_car2", "neu_boston_car2/circle_data_0_imu.csv", {"imu": 2_530, "mag": 2_530}),

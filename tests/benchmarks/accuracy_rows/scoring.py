@@ -161,9 +161,9 @@ def _honesty(made: Streams, streams: Streams, errors: Floats, job: Job) -> Row:
 def _bias_covariances(streams: Streams, params: fuser.MapParams) -> dict[str, Floats]:
     """Of the biases at the knots, (N, 3, 3): the stream `knots` does not tell them, so the drive is solved again."""
     start_ns = int(time_ns(streams["imu"])[0])
-    observed = observe(streams["gnss"], start_ns, fuser._trust(params), params.reported_sigmas)
+    observed = observe(streams["gnss"], start_ns, fuser.trust_of(params), params.reported_sigmas)
     drive = drive_of(streams["imu"], None, observed, start_ns)
-    found = solve(drive, fuser._model(params, None), fuser._noise(params, observed), params.estimate_noise)
+    found = solve(drive, fuser.model_of(params, None), fuser.noise_of(params, observed), params.estimate_noise)
     return {"gyro": found.covariance[:, GYRO_BIAS, GYRO_BIAS], "accel": found.covariance[:, ACCEL_BIAS, ACCEL_BIAS]}
 
 
