@@ -40,7 +40,7 @@ from recon.numerics.signals import interpolate, runs
 from recon.numerics.virtual_imu import combine, noise_density
 
 _FURTHER: Final = ("imu_2", "imu_3", "imu_4")
-_LOOSE: Final = 0.9
+_LOOSE: Final = 0.8
 """Of the time since it first lost a vote in which a box that came loose loses them."""
 
 

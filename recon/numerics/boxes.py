@@ -12,7 +12,8 @@ lever arm, and the scale errors of all twelve sensors, held near zero by what se
 
 The biases b may wander: within half a minute both sides count relative to their means, so nothing is learnt from
 gravity through biases that nobody knows, and all from its change. Sigmas come from what each such window adds to the
-gradient (sandwich estimate), for errors are correlated.
+gradient (sandwich estimate), for errors are correlated. Windows in which the boxes stand otherwise than in most, for
+one came loose, are left out.
 
 References
     Davenport (1968), "A vector approach to the algebra of rotations with applications", NASA TN D-4696 (q-method).
@@ -46,8 +47,10 @@ _SCALE_PRIOR: Final = 0.005
 _HUBER: Final = 1.345
 _LARGE, _LENGTH = 0.7, 1.9144
 """Share of rows, those of standing among them, whose misfit is below; length of three normal values that it is."""
-_EVEN, _ROUNDS = 6, 20
-"""Rounds in which all rows count alike, until the clocks fit; rounds at most."""
+_EVEN, _ROUNDS = 6, 24
+"""Rounds in which all rows count alike, until the clocks fit, and again without loose windows; rounds at most."""
+_ALIKE, _TOLD = 0.02, 0.01
+"""rad; rotations of two windows that are one, and the sigma up to which a window tells its own."""
 _SETTLED: Final = 0.02
 """Of the sigmas; smaller steps end the search."""
 _QUIET: Final = 0.02
@@ -108,12 +111,17 @@ def place(first: Inertial, second: Inertial, largest_s: float = 10.0) -> Placeme
     state[_CLOCK] = lag, drift
     sides = _sides(one, two, middle_ns, state[_CLOCK])
     q_12 = _davenport(sides)
+    loose = np.zeros(0)
     for number in range(_ROUNDS):
-        step, covariance = _step(sides, to_matrix(q_12), state, bias, robust=number >= _EVEN)
+        if number == _EVEN:
+            loose = _loose_windows(sides, to_matrix(q_12), state, bias)
+        sides = _without(sides, loose)
+        robust = number >= 2 * _EVEN
+        step, covariance = _step(sides, to_matrix(q_12), state, bias, robust=robust)
         q_12 = normalize(multiply(from_rotvec(step[_TURN]), q_12))
         state = np.concatenate((np.zeros(3), (state + step)[3:]))
         sides = _sides(one, two, middle_ns, state[_CLOCK])
-        if number > _EVEN and np.all(step**2 <= _SETTLED**2 * np.diag(covariance)):
+        if robust and np.all(step**2 <= _SETTLED**2 * np.diag(covariance)):
             break
     sigma = np.sqrt(np.diag(covariance))
     (lag, drift), (lag_sigma, drift_sigma) = state[_CLOCK].tolist(), sigma[_CLOCK].tolist()
@@ -200,6 +208,37 @@ def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust:
         scatter = scatter + parts.T @ parts
     inverse = np.linalg.pinv(normal)
     return inverse @ gradient, inverse @ scatter @ inverse
+
+
+def _loose_windows(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> Floats:
+    """Numbers of the windows in which the boxes stand otherwise than in most: (m,).
+
+    Each window tells its own turn from the common rotation; that which most others share is believed. A window that
+    tells nothing goes with the nearest that does.
+    """
+    windows = _starts(sides.t_s, _WINDOW_S)
+    even, normal, gradient = np.ones(len(sides.t_s)), np.zeros((len(windows), 3, 3)), np.zeros((len(windows), 3))
+    for misfit, slopes in _misfits(sides, rot_12, state, bias):
+        error, turned = (_centred(values, even, windows) for values in (misfit, slopes[:, :, _TURN]))
+        sigma = max(float(np.quantile(np.linalg.norm(error, axis=1), _LARGE)) / _LENGTH, 1e-12)
+        normal += np.add.reduceat(np.einsum("nij,nik->njk", turned, turned), windows, axis=0) / sigma**2
+        gradient += np.add.reduceat(np.einsum("nij,ni->nj", turned, error), windows, axis=0) / sigma**2
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    turns = np.einsum("nij,nj->ni", inverse, gradient)
+    weakest = np.linalg.eigvalsh(normal)[:, 0]
+    telling = np.flatnonzero(weakest > _TOLD**-2)
+    if not len(telling):
+        return np.zeros(0)
+    alike = np.linalg.norm(turns[telling, None] - turns[telling], axis=2) < _ALIKE
+    shared = alike[np.argmax(alike.sum(axis=1))]
+    nearest = np.argmin(np.abs(np.arange(len(windows))[:, None] - telling), axis=1)
+    return np.asarray(np.floor(sides.t_s[windows] / _WINDOW_S)[~shared[nearest]])
+
+
+def _without(sides: _Sides, loose: Floats) -> _Sides:
+    """The rows outside of the windows of these numbers."""
+    kept = ~np.isin(np.floor(sides.t_s / _WINDOW_S), loose)
+    return _Sides(*(values[kept] for values in sides))
 
 
 def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list[tuple[Floats, Floats]]:

@@ -69,16 +69,15 @@ def combine(t_ns: NDArray[np.int64], boxes: Floats, densities: Floats) -> Virtua
     several = (there.sum(axis=0) > 1)[:, None]
     apart = np.where(several, boxes - _known_median(boxes), np.nan)
     offsets = _known_median(np.swapaxes(apart, 0, 1))[:, None]
-    out = np.logical_and(_voted_out(apart - offsets, blocks, len(t_ns)), there)
+    usual = boxes - offsets
+    out = np.logical_and(_voted_out(usual - _known_median(usual), blocks, len(t_ns)), there)
     if len(boxes) == 2:
         out = np.stack((np.zeros_like(out[0]), out.any(axis=0) & there[0]))
     left = np.asarray(there & ~out)
     left[0] |= there[0] & ~np.any(left, axis=0)
     weights = np.repeat(shares, 3, axis=1)[:, None] * left[:, :, None]
     total = weights.sum(axis=0)
-    mean = (weights * np.where(left[:, :, None], boxes - offsets, 0.0)).sum(axis=0) / np.where(
-        total > 0.0, total, np.nan
-    )
+    mean = (weights * np.where(left[:, :, None], usual, 0.0)).sum(axis=0) / np.where(total > 0.0, total, np.nan)
     centre = (np.repeat(shares, 3, axis=1) * offsets[:, 0]).sum(axis=0)
     return Virtual(mean + centre, shares, out)
 
