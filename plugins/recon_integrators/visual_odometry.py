@@ -69,7 +69,7 @@ _NOISE_PX: Final = 0.05
 """No tracker is better."""
 _STANDS_PX: Final = 0.5
 """Median motion of corners beyond the rotation that tells a direction."""
-_ROUNDS: Final = 3
+_ROUNDS: Final = 2
 """Of asking which corners agree."""
 _LEAST: Final = 40
 """Corners that agree."""

@@ -37,7 +37,7 @@ _UNKNOWN: Final = np.diag([0.0, 0.0, 0.0, 1.0, 1.0])
 """Information beforehand: a sigma of one radian of the direction, which is nothing."""
 _LEAST_CURVED: Final = 0.1
 """Of one: the mean second derivative of what is minimised, which is below where most pairs are wrong."""
-_DONE: Final = 1e-9
+_DONE: Final = 1e-6
 """rad, of a step."""
 
 
@@ -143,7 +143,8 @@ def _moved(rot_ab: Floats, direction_a: Floats, step: Floats) -> tuple[Floats, F
 
 def sampson(a: Floats, b: Floats, rot_ab: Floats, direction_a: Floats) -> Floats:
     """Distances of pairs of rays from those that fit a motion, with their signs: (n,), arguments as in `two_views`."""
-    line_a = np.cross(direction_a, b @ rot_ab.T)
-    line_b = np.cross(a, direction_a) @ rot_ab
+    x, y, z = direction_a
+    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rot_ab
+    line_a, line_b = b @ essential.T, a @ essential
     size = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1))
     return np.asarray((a * line_a).sum(axis=1) / np.maximum(size, np.finfo(float).tiny))

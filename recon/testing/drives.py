@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from recon.numerics.geodesy import Anchor, earth_rate_n, enu_to_geodetic, normal_gravity
 from recon.numerics.motion import Drive, MotionTruth, specific_force
-from recon.numerics.rotation import Floats, conjugate, from_euler, from_rotvec, heading_from_yaw, multiply, rotate
+from recon.numerics.rotation import (
+    Floats,
+    conjugate,
+    from_euler,
+    from_rotvec,
+    heading_from_yaw,
+    multiply,
+    rotate,
+    to_rotvec,
+)
 from recon.numerics.signals import runs
 from recon.recording import Recording
 from recon.rows import Event, Metric, events, metrics
@@ -261,6 +270,7 @@ def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Ta
     speed = np.linalg.norm(vel_s, axis=1)
     q_ns = multiply(truth.q_nv, MOUNTING)
     turn = multiply(conjugate(q_ns), np.vstack((q_ns[1:], q_ns[-1:])))
+    half = from_rotvec(0.5 * to_rotvec(turn))  # from image to image it goes along the chord
     streams = {
         "ground": build(
             GROUND,
@@ -277,7 +287,7 @@ def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Ta
             time=time,
             end_time=time + 100_000_000,
             q=multiply(turn, from_rotvec(0.002 * noise * rng.standard_normal((rows, 3)))),
-            direction=vel_s / np.maximum(speed, 1e-9)[:, None],
+            direction=rotate(half, vel_s / np.maximum(speed, 1e-9)[:, None]),
             rotation_std=np.full(rows, 0.002),
             direction_std=np.where(speed > 1.0, 0.02, np.nan),
         ),

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from recon.aiding import AidTrust, aids_of
 from recon.driving import Trust, observe
 from recon.numerics.barometer import height_scale, pressure_height
+from recon.numerics.rotation import from_rotvec
 from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate
 from recon.tables import matrix, replace, time_ns
 from recon.testing.drives import Conditions, drive
@@ -77,3 +78,14 @@ def test_without_directions_a_camera_tells_turn_rates_alone(streams):
     assert np.isnan(matrix(visual, "direction", gaps=True)).all()
     (made, _) = aids(streams, visual=visual)
     assert [type(aid) for aid in made] == [Rate]
+
+
+def test_in_a_bend_the_direction_is_that_of_the_middle_between_two_images(streams):
+    """On a circle the chord is turned by half of the turn, while the box moves straight ahead all the time."""
+    visual = streams["visual"].slice(0, 2)
+    turn = from_rotvec(np.array([0.0, 0.0, 0.2]))
+    chord = [np.cos(0.1), np.sin(0.1), 0.0]
+    visual = replace(visual, q=np.tile(turn, (2, 1)), direction=np.tile(chord, (2, 1)), direction_std=np.full(2, 0.01))
+    ((_, way), _) = aids(streams, visual=visual)
+    assert_allclose(way.direction_s.T, [[1.0, 0.0, 0.0]] * 2, atol=1e-12)
+    assert_allclose(way.t_s, [0.05, 0.15])
