@@ -64,7 +64,10 @@ BY_A_MAP = "filter.terrain"
 HEIGHTS = FOLDER / "heights.tif"
 BY_THE_MAGNETIC_FIELD = ("integrator.madgwick", "integrator.mahony", "integrator.vqf")
 BY_IMAGES = "integrator.visual_odometry"
-OF_THEIR_OWN = (Reader.role, Exporter.role, IN_ONE_FRAME, BY_A_MAP, BY_IMAGES, *BY_THE_MAGNETIC_FIELD)
+OF_SEVERAL_BOXES = ("aligner.boxes", "fuser.virtual_imu")
+OF_THEIR_OWN = (
+    Reader.role, Exporter.role, IN_ONE_FRAME, BY_A_MAP, BY_IMAGES, *BY_THE_MAGNETIC_FIELD, *OF_SEVERAL_BOXES
+)  # fmt: skip
 WITHOUT_CASES = [key for key in FIRST_PARTY if not key.startswith(OF_THEIR_OWN)]
 
 MAPPING = {
@@ -200,7 +203,7 @@ def two_boxes() -> dict[str, pa.Table]:
     return {"imu": imu, "imu_2": replace(imu, **turned)}
 
 
-@contract("aligner.boxes", "fuser.virtual_imu", cases=[Case("two", streams=two_boxes())])
+@contract(*OF_SEVERAL_BOXES, cases=[Case("two", streams=two_boxes())])
 def test_several_boxes(law: BoundLaw) -> None:
     law()
 
