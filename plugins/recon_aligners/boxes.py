@@ -4,7 +4,7 @@
 
 Rotation R, lag, drift and lever arm r of every further box are found from what both measured (recon.numerics.boxes), or
 given. Found or given, they become metrics, those found with sigmas and a verdict: does the drive show them? What moves
-the specific force by the lever arm takes angular accelerations from means over 0.04 s; a shock stays as the box felt it.
+the specific force by the lever arm takes angular accelerations from means over 0.04 s: a shock stays as it was felt.
 
 A rotation that is given stays; a clock that is given stays; a lever arm that is given stays: only the rest is found.
 

@@ -35,7 +35,7 @@ EPOCH_2000 = 946_681_200
 
 MINUTE = 6_000
 RUN = """
-import json, statistics, sys, time, recon
+import json, sys, time, recon
 minute, two_minutes, log, out = sys.argv[1:]
 registry = recon.Registry.installed()
 def timed(source, name):
@@ -43,8 +43,8 @@ def timed(source, name):
     run = recon.run("thesis", source, out + name, registry=registry)
     return time.perf_counter() - start, run
 timed(minute, "-warm")
-short = [(timed(minute, f"-1-{k}")[0], timed(two_minutes, f"-2-{k}")[0]) for k in range(7)]
-one, two = (statistics.median(times) for times in zip(*short))
+short = [(timed(minute, f"-1-{k}")[0], timed(two_minutes, f"-2-{k}")[0]) for k in range(12)]
+one, two = (min(times) for times in zip(*short))
 seconds, run = timed(log, "")
 try:
     import resource
@@ -99,16 +99,16 @@ def write_log(path: Path, rows: int) -> int:
 
 
 def measure(short: Sequence[Path], log: Path, out: Path, repeats: int) -> dict[str, float]:
-    """Median times and largest peak memory over several processes. short : logs of one minute and of two"""
+    """Least times and largest peak memory over several processes. short : logs of one minute and of two"""
     found = []
     for number in range(repeats):
         command = [sys.executable, "-c", RUN, *map(str, short), str(log), str(out / f"{log.stem}-{number}")]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         found.append(json.loads(done.stdout.splitlines()[-1]))
     return {
-        "seconds": float(np.median([one["seconds"] for one in found])),
-        "start_up": float(np.median([one["start_up"] for one in found])),
-        "read": float(np.median([one["steps"]["reader.auto"] for one in found])),
+        "seconds": min(one["seconds"] for one in found),
+        "start_up": min(one["start_up"] for one in found),
+        "read": min(one["steps"]["reader.auto"] for one in found),
         "peak_mb": max(one["peak_mb"] for one in found),
     }
 
