@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 EXIT_FAULT: Final = 1
 EXIT_PIPE: Final = 141
 """128 + SIGPIPE: what other programs exit with when their reader goes away."""
-EXIT_TERMINATED: Final = 143
-"""128 + SIGTERM."""
 
 _VERBOSE: Final = ("-v", "--verbose")
 
@@ -77,7 +75,7 @@ def _stopped(interruption: KeyboardInterrupt) -> int:
     terminated = isinstance(interruption, signals.Terminated)
     told = str(interruption) or "nothing was written"
     console.write_error(f"{'terminated' if terminated else 'interrupted'}; {told}")
-    return EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
+    return signals.EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
 
 
 def _report(error: Exception, *, verbose: bool) -> int:

@@ -6,6 +6,10 @@ Nothing but `signal` is imported, so that both are heeded from the first moment 
 from __future__ import annotations
 
 import signal
+from typing import Final
+
+EXIT_TERMINATED: Final = 143
+"""128 + SIGTERM."""
 
 
 class Terminated(KeyboardInterrupt):

@@ -12,6 +12,7 @@ import typer
 
 from recon.cli import _console as console
 from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, overrides_of, registry_of
+from recon.cli._signals import EXIT_TERMINATED, Terminated
 from recon.errors import EXIT_INTERRUPTED, ConfigError
 from recon.problems import Problem, Where
 
@@ -59,11 +60,11 @@ def live(
         console.write(f"going on with {session.result.path}")
     if steps.left_out:
         console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(steps.left_out)}")
-    stopped = False
+    stopped: KeyboardInterrupt | None = None
     try:
         _follow(session, pause, until_end, shown, as_json)
-    except KeyboardInterrupt:
-        stopped = True
+    except KeyboardInterrupt as error:
+        stopped = error
     finally:
         session.close()
         if shown is not None:
@@ -71,7 +72,7 @@ def live(
     found = f"result in {session.result.path}" if session.result.begun else "nothing came"
     console.write_error(f"{'stopped, ' if stopped else ''}{found}")
     if stopped:
-        raise typer.Exit(EXIT_INTERRUPTED)
+        raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
 
 
 def _follow(session: Session, pause: float, until_end: bool, shown: LiveView | None, as_json: bool) -> None:
