@@ -51,7 +51,7 @@ def test_two_workers_give_the_bytes_that_one_process_gives(address: str, tmp_pat
     assert finish(alone, "--executor", "serial")[0] == 0
     spread = f"executor.dask, params: {{address: '{address}'}}"
     text = BATCH.replace("executor.local, params: {workers: 3}", spread)
-    file = fleet(tmp_path / "spread", {**DRIVES, "C/kill": "kill 1", "C/sleep": "sleep 1"}, text + "timeout: 5 s\n")
+    file = fleet(tmp_path / "spread", {**DRIVES, "C/kill": "kill 1", "C/sleep": "sleep 1"}, text + "timeout: 20 s\n")
     code, out, errors = finish(file, "--json")
     assert code == 6, errors
     failures = {failure["job"]: failure["code"] for failure in json.loads(out)["failures"]}

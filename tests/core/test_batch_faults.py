@@ -121,7 +121,7 @@ def test_workers_killed_at_random_cost_no_drive_its_result(tmp_path: Path) -> No
 
 
 def test_two_batches_on_one_output_are_refused_and_a_dead_one_does_not_count(tmp_path: Path) -> None:
-    file = fleet(tmp_path, SLOW)
+    file = fleet(tmp_path, {**SLOW, "C/sleep": "sleep 1"})  # which never ends
     with begin(file) as first:
         wait_for(file.parent / "results", 1)
         code, _, errors = finish(file)
@@ -129,6 +129,7 @@ def test_two_batches_on_one_output_are_refused_and_a_dead_one_does_not_count(tmp
         assert "another batch is at work on" in errors
         first.kill()
         first.communicate()
+    (file.parent / "logs/C/sleep.txt").unlink()
     assert finish(file)[0] == 0
 
 
