@@ -28,6 +28,7 @@ from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
 from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
+from recon.threads import one_thread
 
 Source: TypeAlias = Recording | Sequence[Path]
 Progress: TypeAlias = Callable[[int, int, str], None]
@@ -186,9 +187,10 @@ def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: 
 
 
 def _guarded(step: PlannedStep, work: Callable[[], Any]) -> Any:
-    """Whatever a stage raises becomes an error of ours that names the step; OSError passes."""
+    """Whatever a stage raises becomes an error of ours that names the step; OSError passes. On one thread of BLAS."""
     try:
-        return work()
+        with one_thread():
+            return work()
     except ReadFailed:
         raise
     except ReconError as error:

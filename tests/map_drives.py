@@ -13,6 +13,7 @@ import pyarrow as pa
 from recon import Streams, matrix, meta, time_ns, vector
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.rotation import conjugate, from_euler, multiply, rotate, to_rotvec
+from recon.threads import one_thread
 from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -77,14 +78,15 @@ def drive(motion: str = "mixed", sensors: str = "study_two", seed: int = 0, **pa
 def fused(streams: Streams, edit: Callable[[Streams], Streams] | None = None, **params: Any) -> Streams:
     """What fuser.map makes of it. edit : what is done to the streams before."""
     given = edit(streams) if edit else streams
-    return fuse_map(
-        imu=given["imu"],
-        gnss=given["gnss"],
-        wheel=given.get("wheel"),
-        attitude=given.get("attitude"),
-        events=given.get("events"),
-        params=MapParams(**params),
-    )
+    with one_thread():
+        return fuse_map(
+            imu=given["imu"],
+            gnss=given["gnss"],
+            wheel=given.get("wheel"),
+            attitude=given.get("attitude"),
+            events=given.get("events"),
+            params=MapParams(**params),
+        )
 
 
 def numbers(streams: Streams) -> dict[str, float]:
