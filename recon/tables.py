@@ -72,6 +72,16 @@ def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
     return out
 
 
+def measured_axes(table: pa.Table, group: str) -> tuple[Array, list[str]]:
+    """As `matrix` with gaps; columns without any value are taken for zero and named, unless all are without."""
+    values = matrix(table, group, gaps=True)
+    empty = ~np.isfinite(values).any(axis=0)
+    if empty.all():
+        return values, []
+    values[:, empty] = 0.0
+    return values, [name for name, none in zip(spread(group, table.column_names), empty.tolist(), strict=True) if none]
+
+
 def _refuse_gaps(values: Array, table: pa.Table, name: str) -> None:
     missing = ~np.isfinite(values)
     if missing.all() and len(values):

@@ -18,7 +18,7 @@ from recon.numerics.saturation import clipped, hidden
 from recon.numerics.signals import median_rate
 from recon.rows import spans
 from recon.sensor_classes import typical
-from recon.tables import schema_of
+from recon.tables import measured_axes, schema_of
 
 LEAD_S: Final = 0.5
 _BEHIND_S: Final = 1.5
@@ -53,9 +53,9 @@ def motion_of(trajectory: pa.Table | None, imu: pa.Table | None) -> Motion | Non
     """From the trajectory where it has accelerations, else from the imu; None where there is neither."""
     if trajectory is not None and has(trajectory, "accel"):
         return _rows(trajectory, matrix(trajectory, "accel", gaps=True), directed=True)
-    if imu is None or not has(imu, "accel"):
+    if imu is None or not any(has(imu, f"accel_{axis}") for axis in "xyz"):
         return None
-    accel = matrix(imu, "accel", gaps=True)
+    accel, _ = measured_axes(imu, "accel")
     column = schema_of(imu)["accel_x"]
     if column.quantity == "acceleration":
         return _rows(imu, accel, directed=column.frame == "vehicle")
@@ -116,7 +116,7 @@ def _missing(motion: Motion, near: slice, imu: pa.Table | None, events: pa.Table
     nothing = np.zeros_like(accel)
     if imu is None or not any(a <= t_ns[-1] and b >= t_ns[0] for a, b in spans(events, "saturation")):
         return nothing
-    logged = matrix(imu, "accel", gaps=True)
+    logged, _ = measured_axes(imu, "accel")
     rows = np.searchsorted(time_ns(imu), t_ns)
     same = rows < imu.num_rows
     same[same] = time_ns(imu)[rows[same]] == t_ns[same]

@@ -90,6 +90,10 @@ class CrashParams(Params):
         1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
     )
     head_ahead: float = quantity(0.0, "m", doc="How far the head sits ahead of the point whose motion is given.")
+    restitution: float | None = setting(
+        None, ge=0, le=1, doc="Speed after over speed before, where it hit a wall: tells speed_before without GNSS."
+    )
+    restitution_sigma: float = setting(0.05, ge=0, le=1, doc="Sigma of restitution.")
 
 
 def analyze_crash(
@@ -118,7 +122,8 @@ def analyze_crash(
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
-    rows = [Metric("impacts", float(len(told))), *_speed(trajectory, span[0]), *_rows(numbers, motion)]
+    speed = _speed(trajectory, span[0], numbers["delta_v_resultant_max"], params)
+    rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion)]
     return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
 
 
@@ -194,14 +199,19 @@ def _signed_extreme(y: Array) -> Array:
     return np.asarray(np.take_along_axis(y, np.abs(y).argmax(axis=1)[:, None], axis=1)[:, 0])
 
 
-def _speed(trajectory: pa.Table | None, zero_ns: int) -> Iterable[Metric]:
+def _speed(trajectory: pa.Table | None, zero_ns: int, gained: Uncertain, params: CrashParams) -> Metric:
     known = speed_at(trajectory, zero_ns)
-    if known is None:
-        yield Metric("speed_before", None, "km/h", note="no trajectory tells it")
-        return
-    speed, sigma = (3.6 * value for value in known)
+    if known is not None:
+        speed, sigma = (3.6 * value for value in known)
+        method, note = "trajectory at time zero", "horizontal"
+    elif params.restitution is not None:
+        speed = gained.value / (1.0 + params.restitution)
+        sigma = float(np.hypot(gained.sigma, speed * params.restitution_sigma)) / (1.0 + params.restitution)
+        method, note = "delta-V over 1 + restitution", "as if it came against something that did not move"
+    else:
+        return Metric("speed_before", None, "km/h", note="no trajectory tells it; against a wall, restitution does")
     low, high = (max(speed - NORMAL_95 * sigma, 0.0), speed + NORMAL_95 * sigma) if np.isfinite(sigma) else (None, None)
-    yield Metric("speed_before", speed, "km/h", sigma, low, high, "trajectory at time zero", "horizontal")
+    return Metric("speed_before", speed, "km/h", sigma, low, high, method, note)
 
 
 def _rows(numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:

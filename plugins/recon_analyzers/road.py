@@ -3,7 +3,7 @@
     roughness      root mean square of the vertical acceleration of the body in a band of 0.5 to 20 Hz
     roughness_80   the same at 80 km/h: of a road of ISO 8608 with waviness 2 the power of a linear vehicle's answer is
                    proportional to its speed, so that the root goes with sqrt(v)
-    pothole        a peak beyond 0.4 g (Z-THRESH) that also stands out of the road around it
+    pothole        a peak beyond 0.4 g, recon's own limit, that also stands out of the road around it
 
 What is measured is the answer of this vehicle, with its springs, tyres and load, at this place of the box: good to
 compare stretches and days of one vehicle. It is no International Roughness Index, which needs the profile of the road
@@ -13,7 +13,7 @@ alike.
 References
     ISO 8608:2016 (road surface profiles); ISO 8855:2011.
     Mednis, Strazdins, Zviedris, Kanonirs, Selavo (2011), "Real time pothole detection using Android smartphones with
-    accelerometers", IEEE DCOSS (Z-THRESH).
+    accelerometers", IEEE DCOSS: limits on the vertical acceleration find potholes; the limit here is not theirs.
 """
 
 from __future__ import annotations

@@ -36,7 +36,6 @@ from recon import (
     Streams,
     events,
     hookimpl,
-    matrix,
     metrics,
     quantity,
     time_ns,
@@ -46,7 +45,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
 from recon.numerics.saturation import clipped
 from recon.numerics.signals import interpolate, median_rate, moving_average, runs
-from recon.tables import schema_of
+from recon.tables import measured_axes, schema_of
 
 _GAP_S: Final = 0.2
 """A longer silence of the imu tells nothing of the velocity."""
@@ -85,7 +84,7 @@ def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
 
     imu : accel m/s^2, any frame, specific force or acceleration; rows without it are left out
     """
-    accel = matrix(imu, "accel", gaps=True)
+    accel, unmeasured = measured_axes(imu, "accel")
     known = np.isfinite(accel).all(axis=1)
     t_ns, accel = time_ns(imu)[known], accel[known]
     clips = _saturations(t_ns, clipped(accel, params.full_scale, _LEAST_CLIPPED), accel)
@@ -99,6 +98,9 @@ def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
     fallen = [Event(e.start_ns, e.end_ns, "fall", e.value, e.unit, "impact after free fall") for e in falls]
     learnt += [Metric("crashes", float(len(crashes))), Metric("falls", float(len(falls)))]
     learnt += _doubts(t_ns, crashes, falls, clips)
+    if unmeasured:
+        names = " and ".join(unmeasured)
+        learnt.append(warning(f"no value of imu in {names}: counted as zero, so nothing told along it holds"))
     return {"events": events([*crashes, *fallen, *clips]), "metrics": metrics(learnt)}
 
 

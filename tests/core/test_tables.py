@@ -13,6 +13,7 @@ from recon.tables import (
     conform,
     has,
     matrix,
+    measured_axes,
     meta,
     replace,
     schema_of,
@@ -81,6 +82,16 @@ def test_matrix_gathers_a_group_in_canonical_order():
     assert matrix(imu_table(2), "gyro").tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
     with pytest.raises(KeyError, match="mag"):
         matrix(imu_table(), "mag")
+
+
+def test_axes_that_nobody_measured_count_as_zero_and_are_named():
+    table = build(IMU, time=np.array([0, 1]), accel=[[1.0, np.nan, np.nan], [2.0, np.nan, 3.0]])
+    values, names = measured_axes(table, "accel")
+    np.testing.assert_array_equal(values, [[1.0, 0.0, np.nan], [2.0, 0.0, 3.0]])
+    assert names == ["accel_y"]
+    nothing, names = measured_axes(build(IMU, time=np.array([0]), accel=np.full((1, 3), np.nan)), "accel")
+    assert np.isnan(nothing).all()
+    assert names == []
 
 
 def test_arrays_do_not_care_how_a_table_is_cut_into_chunks():
