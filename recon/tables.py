@@ -79,7 +79,8 @@ def measured_axes(table: pa.Table, group: str) -> tuple[Array, list[str]]:
     if empty.all():
         return values, []
     values[:, empty] = 0.0
-    return values, [name for name, none in zip(spread(group, table.column_names), empty.tolist(), strict=True) if none]
+    names = spread(group, table.column_names)
+    return values, [names[index] for index in np.flatnonzero(empty)]
 
 
 def _refuse_gaps(values: Array, table: pa.Table, name: str) -> None:

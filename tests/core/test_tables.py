@@ -85,7 +85,7 @@ def test_matrix_gathers_a_group_in_canonical_order():
 
 
 def test_axes_that_nobody_measured_count_as_zero_and_are_named():
-    table = build(IMU, time=np.array([0, 1]), accel=[[1.0, np.nan, np.nan], [2.0, np.nan, 3.0]])
+    table = build(IMU, time=np.array([0, 1]), accel=np.array([[1.0, np.nan, np.nan], [2.0, np.nan, 3.0]]))
     values, names = measured_axes(table, "accel")
     np.testing.assert_array_equal(values, [[1.0, 0.0, np.nan], [2.0, 0.0, 3.0]])
     assert names == ["accel_y"]
