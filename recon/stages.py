@@ -255,9 +255,11 @@ class Live(Protocol):
     """A stage that follows a drive while it goes on.
 
     since_ns : rows from this time on, ns since 1970, are needed again by one that goes on from what was saved
+    awaits : what is missing before anything can be told, in a few words that follow "waiting for"; "" while it tells
     """
 
     since_ns: int
+    awaits: str
 
     def advance(self, new: Streams) -> Streams:
         """Take rows that follow those given before, by stream.

@@ -71,6 +71,7 @@ class LiveMap:
         self.try_at_ns = self.given_ns
         self.learn_at_s = _FIRST_S
         self.noise: Noise | None = None
+        self.awaits = "rows of imu and gnss"
         if saved is not None:
             self._restore(saved)
 
@@ -97,12 +98,14 @@ class LiveMap:
             return {}
         try:
             found, observed = self._begin() if self.held is None else self._go_on(self.held)
-        except DataError:
+        except DataError as error:
+            self.awaits = f"a drive that tells more: {error}"
             return {}
         if found is None or observed is None:
             return {}
         imu = measured(self.streams["imu"])
         motion = tables.trajectory(found, observed, imu, self.streams["gnss"], self.params.output_rate)
+        self.awaits = ""
         at = time_ns(motion)
         final = (at > self.given_ns) & (at <= at[-1] - round(lag * 1e9))
         if final.any():
@@ -128,16 +131,21 @@ class LiveMap:
     def _begin(self) -> tuple[Estimate | None, Observed | None]:
         """The whole window at once, as fuser.map does; None where it does not tell enough yet."""
         at = time_ns(self.streams["imu"])
-        if len(at) < 2 or at[-1] - at[0] < _FIRST_S * 1e9 or at[-1] < self.try_at_ns:
+        length_s = float(at[-1] - at[0]) * 1e-9 if len(at) else 0.0
+        if length_s < _FIRST_S:
+            self.awaits = f"{_FIRST_S:.0f} s of the imu, of which {length_s:.0f} s are there"
+            return None, None
+        if at[-1] < self.try_at_ns:
             return None, None
         self._forget_before(int(at[-1]) - round(_WHOLE_S * 1e9))
-        length_s = float(at[-1] - at[0]) * 1e-9
         learn = self.noise is None or length_s >= self.learn_at_s
         drive, observed, _ = self._window(None)
         noise = noise_of(self.params, observed) if self.noise is None else self.noise
         found = solve(drive, model_of(self.params, None), noise, learn and self.params.estimate_noise)
         if sigmas(found)[8, -1] > _HEADING:
             self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
+            sigma = np.degrees(sigmas(found)[8, -1])
+            self.awaits = f"the heading, known to {sigma:.0f} deg: driving and turning tell it"
             return None, None
         if learn:
             self.noise, self.learn_at_s = found.solved.noise, _GROWS * length_s
@@ -157,6 +165,7 @@ class LiveMap:
             solved = smoother.solve(continued(smoother, state), held.noise, "tls")
         except np.linalg.LinAlgError:
             self.held = self.guess = None
+            self.awaits = "a new start: the last minutes did not determine the way"
             return None, None
         self.guess = (knots_ns, solved.state)
         return with_covariances(smoother, solved), observed
@@ -227,6 +236,7 @@ class LiveMap:
         arrival = Arrival(state, kept["information"], kept["free"], float(kept["moved_lag"]))
         self.held = _Held(arrival, noise, Anchor(*kept["anchor"].tolist()))
         self.since_ns, self.given_ns = kept["times_ns"].tolist()
+        self.awaits = "rows that come after those it knows"
 
 
 def _about(gnss: pa.Table, anchor: Anchor) -> pa.Table:

@@ -6,7 +6,7 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
     from recon.live.session import Session
     from recon.live.view import LiveView
+    from recon.tables import Streams
+
+
+_REASON_S: Final = 3.0
+"""s between two words on what it is waiting for."""
 
 
 def live(
@@ -62,35 +67,96 @@ def live(
         console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(steps.left_out)}")
     stopped: KeyboardInterrupt | None = None
     try:
-        _follow(session, pause, until_end, shown, as_json)
+        _follow(session, _Teller(pause, as_json, shown), pause, until_end)
     except KeyboardInterrupt as error:
         stopped = error
     finally:
         session.close()
         if shown is not None:
             shown.close()
+    for note in session.warnings:
+        console.write_error(f"warning: {note}")
+    if session.awaits and not session.resumed:
+        console.write_error(f"no trajectory: it was waiting for {session.awaits}")
     found = f"result in {session.result.path}" if session.result.begun else "nothing came"
     console.write_error(f"{'stopped, ' if stopped else ''}{found}")
     if stopped:
         raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
 
 
-def _follow(session: Session, pause: float, until_end: bool, shown: LiveView | None, as_json: bool) -> None:
-    """Give a result every `pause` s until there is no more to come."""
+def _follow(session: Session, teller: _Teller, pause: float, until_end: bool) -> None:
+    """Look for more every `pause` s until there is no more to come."""
     ended = False
     while not ended:
-        begun = time.monotonic()
-        told = session.step()
-        ended = session.ended or (until_end and not session.waiting)
-        if ended:
-            told = {**told, **session.step(last=True)}
-        if "latest" in told:
-            facts = _facts(told["latest"])
-            console.write(json.dumps(facts) if as_json else _line(facts))
-        if shown is not None:
-            shown.show(told)
+        begun, came = time.monotonic(), False
+        for told in session.new():
+            came = True
+            teller.take(told)
+        ended = session.ended or (until_end and not came)
+        for told in session.new(last=True) if ended else ():
+            teller.take(told)
+        teller.rest(session)
         if not ended:
             time.sleep(max(0.0, pause - (time.monotonic() - begun)))
+
+
+class _Teller:
+    """Tells a user what comes, a result every `pause` s, however much comes at once."""
+
+    def __init__(self, pause: float, as_json: bool, shown: LiveView | None) -> None:
+        self.pause, self.as_json, self.shown = pause, as_json, shown
+        self._latest: pa.Table | None = None
+        self._told_at = self._reason_at = -math.inf
+        self._bad = 0
+
+    def take(self, told: Streams) -> None:
+        """What a step of a session told."""
+        if self.shown is not None:
+            self.shown.show(told)
+        self._latest = told.get("latest", self._latest)
+        if time.monotonic() - self._told_at >= self.pause:
+            self._tell()
+
+    def rest(self, session: Session) -> None:
+        """Nothing more has come for now: the newest result, or what is missing; and the lines that were left out."""
+        self._tell()
+        if session.awaits and time.monotonic() - self._reason_at >= _REASON_S:
+            self._reason_at = time.monotonic()
+            if session.heard is None:
+                console.write_error(f"waiting for {session.awaits}")
+            else:
+                self._write({**_gnss_facts(session.heard), "waiting_for": session.awaits})
+        if len(session.bad) > self._bad:
+            console.write_error(f"{session.bad[self._bad]}: left out")
+            self._bad = len(session.bad)
+
+    def _tell(self) -> None:
+        if self._latest is not None:
+            self._write(_facts(self._latest))
+            self._told_at, self._latest = time.monotonic(), None
+
+    def _write(self, facts: dict[str, Any]) -> None:
+        console.write(json.dumps(facts) if self.as_json else _line(facts))
+
+
+def _gnss_facts(row: pa.Table) -> dict[str, Any]:
+    """As `_facts`, of a row of gnss: the heading is not known."""
+    from recon.tables import vector
+
+    def known(name: str) -> float | None:
+        value = float(vector(row, name, gaps=True)[0]) if name in row.column_names else math.nan
+        return value if math.isfinite(value) else None
+
+    east, north = known("pos_std_e"), known("pos_std_n")
+    return {
+        "time": row["time"][0].as_py().isoformat(),
+        "lat": known("lat"),
+        "lon": known("lon"),
+        "height_m": known("height"),
+        "speed_m_s": known("speed"),
+        "heading_deg": None,
+        "position_sigma_m": None if east is None or north is None else math.hypot(east, north),
+    }
 
 
 def _facts(row: pa.Table) -> dict[str, Any]:
@@ -110,15 +176,23 @@ def _facts(row: pa.Table) -> dict[str, Any]:
         "speed_m_s": math.hypot(*matrix(row, "vel")[0]),
         "heading_deg": math.degrees(heading_from_yaw(to_euler(matrix(row, "q")[0])[0])),
         "position_sigma_m": known(math.hypot(sigma[0], sigma[1])),
+        "waiting_for": "",
     }
 
 
 def _line(facts: dict[str, Any]) -> str:
-    place = "" if facts["lat"] is None else f"  {facts['lat']:.7f} {facts['lon']:.7f}"
-    return (
-        f"{facts['time'][:23]}{place}  {3.6 * facts['speed_m_s']:6.1f} km/h  heading {facts['heading_deg']:5.1f} deg"
-        f"  ± {facts['position_sigma_m']:.1f} m"
-    )
+    parts = [facts["time"][:23]]
+    if facts["lat"] is not None and facts["lon"] is not None:
+        parts.append(f"{facts['lat']:.7f} {facts['lon']:.7f}")
+    if facts["speed_m_s"] is not None:
+        parts.append(f"{3.6 * facts['speed_m_s']:6.1f} km/h")
+    heading, sigma = facts["heading_deg"], facts["position_sigma_m"]
+    parts.append("heading unknown" if heading is None else f"heading {heading:5.1f} deg")
+    if sigma is not None:
+        parts.append(f"± {sigma:.1f} m")
+    if facts["waiting_for"]:
+        parts.append(f"(GNSS alone; waiting for {facts['waiting_for']})")
+    return "  ".join(parts)
 
 
 def _seconds(option: str, text: str) -> float:

@@ -2,18 +2,22 @@
 
 Every message of the growing file is a chunk of its own and is handed to the operating system at once, so that a process
 that is killed loses nothing that was written. At the end, and when a later run goes on, its rows join the whole file.
-`NAME.state` is what a later run needs to go on; it is replaced as a whole.
+`NAME.state` is what a later run needs to go on; it is replaced as a whole. What the user should know is kept in the
+whole file, as `manifest` among its facts and as warnings in `metrics`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
 from recon.recording import Recording
+from recon.rows import metrics, warning, warnings_of
 from recon.storage.atomic import staged_file, storage_errors
 from recon.storage.mcap import Appending, salvage_file, write_file
 from recon.tables import Streams, select_rows, time_ns
@@ -24,9 +28,10 @@ class GrowingResult:
 
     def __init__(self, path: Path) -> None:
         self.path, self._part = path, path.with_suffix(".part.mcap")
-        self._join()
-        before = _streams_of(path)
-        self._until = {name: int(time_ns(table)[-1]) for name, table in before.items() if table.num_rows}
+        self._join({}, ())
+        before = _whole_of(path)
+        timed = {name: table for name, table in before.items() if "time" in table.column_names}
+        self._until = {name: int(time_ns(table)[-1]) for name, table in timed.items() if table.num_rows}
         with storage_errors(self._part):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = Appending(self._part)
@@ -45,37 +50,41 @@ class GrowingResult:
                     self._file.append(name, fresh)
                     self._until[name] = int(time_ns(fresh)[-1])
 
-    def close(self) -> None:
-        """Make the file whole. Raises StorageError."""
+    def close(self, manifest: Mapping[str, Any] | None = None, warnings: Sequence[str] = ()) -> None:
+        """Make the file whole. manifest : what made it; warnings : what its user should know. Raises StorageError."""
         with storage_errors(self._part):
             self._file.finish()
             self._file.close()
-        self._join()
+        self._join({"manifest": {**(manifest or {}), "warnings": list(warnings)}}, warnings)
 
-    def _join(self) -> None:
-        """Rows of the growing file come behind those of the whole one."""
-        new = _streams_of(self._part)
+    def _join(self, facts: Mapping[str, Any], warnings: Sequence[str]) -> None:
+        """Rows of the growing file come behind those of the whole one, and warnings behind its warnings."""
+        new = _whole_of(self._part)
         if new:
-            joined = dict(_streams_of(self.path))
+            before = _whole_of(self.path)
+            joined = dict(before)
             for name, table in new.items():
                 old = joined.get(name)
                 until = int(time_ns(old)[-1]) if old is not None and old.num_rows else None
                 fresh = _after(table, until)
                 joined[name] = fresh if old is None else pa.concat_tables([old, fresh.cast(old.schema)])
+            told = [*warnings_of(joined.get("metrics")), *warnings]
+            if told:
+                joined["metrics"] = metrics(warning(note) for note in told)
             with staged_file(self.path) as scratch:
-                write_file(Recording(joined), scratch)
+                write_file(Recording(joined, {**before.meta, **facts}), scratch)
         self._part.unlink(missing_ok=True)
 
 
-def _streams_of(path: Path) -> Streams:
+def _whole_of(path: Path) -> Recording:
     """All that is whole in a file; nothing where there is none, or where nothing was written yet."""
     if not path.exists():
-        return {}
+        return Recording({})
     try:
-        return dict(salvage_file(path)[0])
+        return salvage_file(path)[0]
     except ReadFailed:
         if path.suffixes[-2:] == [".part", ".mcap"]:
-            return {}  # killed before its first row
+            return Recording({})  # killed before its first row
         raise
 
 

@@ -24,6 +24,7 @@ class Pieces:
         self._taken = 0
         self._overlap, self._before, self._given = overlap, b"", b""
         self._lines: int | None = 0
+        self._dropped: list[int] = []
         self.begins = 0
         """Byte of the log at which the rows of the last piece begin that were in none before."""
 
@@ -60,7 +61,29 @@ class Pieces:
         header = (self._header or b"").count(b"\n")
         if number is None or number <= header:
             return number
-        return None if self._lines is None else number + self._lines
+        if self._lines is None:
+            return None
+        number += self._lines
+        for gone in self._dropped:
+            number += gone <= number
+        return number
+
+    def without(self, number: int) -> bytes:
+        """The last piece without one of its lines, which later pieces do not hold either; b"" where no row is left.
+
+        Raises IndexError where the line, counted in the last piece, is of the header, or beyond the end.
+        """
+        header = self._header or b""
+        at, before = number - 1 - header.count(b"\n"), self._before.count(b"\n")
+        if at < 0:
+            raise IndexError(number)
+        if (line := self.line(number)) is not None:
+            self._dropped = sorted([*self._dropped, line])
+        if at < before:
+            self._before = _without(self._before, at)
+        else:
+            self._given = _without(self._given, at - before)
+        return header + self._before + self._given if self._given else b""
 
     @classmethod
     def going_on(cls, head: bytes, offset: int, overlap: int = 0) -> Pieces:
@@ -72,6 +95,14 @@ class Pieces:
     def last(self) -> bytes:
         """The piece of a last line without an end."""
         return self.cut(b"\n") if self._rest.strip() else b""
+
+
+def _without(rows: bytes, at: int) -> bytes:
+    """Rows less one. Raises IndexError."""
+    lines = rows.split(b"\n")  # as the lines are counted: not at every sign that ends a line of text
+    if at >= len(lines) - 1:
+        raise IndexError(at)
+    return b"\n".join(lines[:at] + lines[at + 1 :])
 
 
 def _last_lines(rows: bytes, most: int) -> bytes:

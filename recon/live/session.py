@@ -2,7 +2,8 @@
 
 Bytes come from the source; whole lines of them, with the log's header before, are read by the reader of the pipeline as
 a small log of their own; the fuser takes the rows, and gives those of the trajectory that are final. What comes at once
-because the log is older than the session is taken in steps of ten seconds of the log.
+because the log is older than the session is taken in steps of ten seconds of the log, each with its result. A line that
+the reader refuses is left out and counted.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from recon import __version__
 from recon.check import check
 from recon.errors import ConfigError, ReadFailed
 from recon.live.output import GrowingResult
@@ -36,6 +38,8 @@ from recon.tables import Streams, select_rows, time_ns
 _STEP_NS: Final = 10_000_000_000
 _HEAD: Final = 1 << 16
 """Bytes that hold the header of a log."""
+_MOST_BAD: Final = 100
+"""Lines that cannot be read, with none between that can, of a log that is not what its reader takes."""
 _OVERLAP: Final = 1 << 19
 """Bytes of rows that are read once more before new ones: some seconds of any IMU, several fixes of any receiver."""
 
@@ -44,6 +48,7 @@ _OVERLAP: Final = 1 << 19
 class Following:
     """The steps of a pipeline that a live run takes. left_out : ids of the others, which want the whole drive."""
 
+    pipeline: str
     reader: PlannedStep
     fuser: PlannedStep
     left_out: tuple[str, ...]
@@ -62,7 +67,7 @@ def following(pipeline: Pipeline, registry: Registry, overrides: Iterable[Overri
     if not isinstance(reader.stage, Reader) or fuser is None or not _follows(fuser):
         text = f"recon live cannot follow '{pipeline.name}': it takes a reader and then a fuser that can, as fuser.map"
         raise ConfigError([Problem(reader.step.where, "not-live", text, "try recon live best_accuracy")])
-    return Following(reader, fuser, tuple(step.id for step in others if step is not fuser))
+    return Following(pipeline.name, reader, fuser, tuple(step.id for step in others if step is not fuser))
 
 
 def _follows(step: PlannedStep) -> bool:
@@ -70,10 +75,12 @@ def _follows(step: PlannedStep) -> bool:
 
 
 class Session:
-    """A live run. Call `step` once in a while; `close` when it is over.
+    """A live run. Call `new` once in a while; `close` when it is over.
 
     out : MCAP file of the result; one that is there is gone on with, as is what lies beside it as `.state`
     lag : s, how long a row waits before it is final
+
+    bad : what is wrong with each line that was left out
     """
 
     def __init__(self, steps: Following, source: str, out: Path, lag: float, registry: Registry) -> None:
@@ -90,7 +97,9 @@ class Session:
         self.live: Live = _live(steps, lag, kept.saved if kept is not None and self.resumed else None)
         self._begins: list[tuple[int, int]] = []
         self._until: dict[str, int] = {}
-        self._came, self._kept_ns = True, 0
+        self._kept_ns = 0
+        self._heard: pa.Table | None = None
+        self.bad: list[str] = []
         self._scratch = tempfile.TemporaryDirectory(prefix="recon-live-")
 
     @property
@@ -99,67 +108,88 @@ class Session:
         return self.source.ended
 
     @property
-    def waiting(self) -> bool:
-        """Has something come in the last step?"""
-        return self._came
+    def awaits(self) -> str:
+        """What is missing before the fuser can tell anything; "" where it does."""
+        return self.live.awaits if self._until else f"the first row of {self.source.name}"
 
-    def step(self, last: bool = False) -> Streams:
-        """Take what has come; returns `latest`, a row, and `trajectory`, the rows that became final, if there are any.
+    @property
+    def heard(self) -> pa.Table | None:
+        """The newest row of gnss, for as long as there is nothing better."""
+        return self._heard
+
+    def new(self, last: bool = False) -> Iterator[Streams]:
+        """Take what has come, step by step until there is no more; nothing where nothing has come.
 
         last : no more will come: take also a line without an end, and all rows are final
+        yields : `latest`, a row, and `trajectory`, the rows that became final, if there are any
 
         Raises DataError, StageError, StorageError, ReadFailed.
         """
-        told: Streams = {}
-        self._came = False
         while data := self.source.take():
-            self._came = True
             if not self._pieces.begins and b"\0" in data:
                 raise ReadFailed(self.source.name, "this is no text", hint="once it is whole, 'recon run' may read it")
-            told = self._take(self._pieces.cut(data)) or told
+            yield from self._take(self._pieces.cut(data))
         if last:
-            told = {**told, **self._take(self._pieces.last())}
+            yield from self._take(self._pieces.last())
             if not self.result.begun:
                 raise ReadFailed(self.source.name, "no row of a log came", hint="is it the right source?")
             rest = self.live.finish()
             self.result.append(rest)
-            told = {**told, **rest}
-        return told
+            yield rest
 
     def close(self) -> None:
         """Make the result whole."""
         self.source.close()
-        self.result.close()
+        steps = {"pipeline": self.steps.pipeline, "sources": [self.source.name], "lines_left_out": len(self.bad)}
+        self.result.close({"recon": __version__, **steps}, self.warnings)
         self._scratch.cleanup()
 
-    def _take(self, piece: bytes) -> Streams:
-        if not piece:
-            return {}
-        begins = self._pieces.begins
-        read = self._read(piece)
+    @property
+    def warnings(self) -> list[str]:
+        """What the user should know before he believes the result."""
+        if not self.bad:
+            return []
+        lines = "1 line" if len(self.bad) == 1 else f"{len(self.bad)} lines"
+        return [f"{lines} that could not be read left out, the first: {self.bad[0]}"]
+
+    def _take(self, piece: bytes) -> Iterator[Streams]:
+        read, begins = self._read(piece), self._pieces.begins
+        if read is None:
+            return
         streams = {name: self._news(name, read[name]) for name in read if name in self.steps.fuser.stage.reads}
         if "imu" in streams and streams["imu"].num_rows:
             self._begins.append((int(time_ns(streams["imu"])[0]), begins))
-        told: Streams = {}
-        final = []
         for part in _in_steps(streams):
-            told = dict(self.live.advance(part)) or told
-            if "trajectory" in told:
-                final.append(told.pop("trajectory"))
-        rows = {"trajectory": pa.concat_tables(final)} if final else {}
-        self.result.append({**streams, **rows})
+            told = dict(self.live.advance(part))
+            self.result.append({**part, **{name: told[name] for name in ("trajectory",) if name in told}})
+            if "gnss" in part and part["gnss"].num_rows:
+                self._heard = part["gnss"].slice(part["gnss"].num_rows - 1)
+            yield told
         self._keep()
-        return {**told, **rows}
 
-    def _read(self, piece: bytes) -> Recording:
-        """All streams of a piece. Raises ReadFailed with the place in the log."""
+    def _read(self, piece: bytes) -> Recording | None:
+        """All streams of a piece, less the lines that the reader refuses; None where no row is left.
+
+        Raises ReadFailed with the place in the log where it is not single lines that are wrong.
+        """
         path = Path(self._scratch.name, self._file.name if self._file is not None else "log.txt")
-        path.write_bytes(piece)
-        try:
-            return read_one(self.steps.reader, path, self.registry)
-        except ReadFailed as error:
-            line = self._pieces.line(error.line)
-            raise ReadFailed(self.source.name, error.what, line=line, column=error.column, hint=error.hint) from error
+        for _ in range(_MOST_BAD):
+            if not piece:
+                return None
+            path.write_bytes(piece)
+            try:
+                return read_one(self.steps.reader, path, self.registry)
+            except ReadFailed as error:
+                line = self._pieces.line(error.line)
+                told = ReadFailed(self.source.name, error.what, line=line, column=error.column, hint=error.hint)
+                if error.line is None:
+                    raise told from error
+                try:
+                    piece = self._pieces.without(error.line)
+                except IndexError:
+                    raise told from error
+                self.bad.append(str(told).splitlines()[0])
+        raise ReadFailed(self.source.name, f"{_MOST_BAD} lines cannot be read, the last: {self.bad[-1]}")
 
     def _news(self, name: str, table: pa.Table) -> pa.Table:
         """The rows later than those that were taken; of a piece that overlaps, the first may be a value held over."""

@@ -15,6 +15,8 @@ import recon
 from recon.live.session import Session, following
 from recon.pipeline import Pipeline
 from recon.registry import Registry
+from recon.rows import warnings_of
+from recon.storage.mcap import read_file
 from recon.tables import matrix, seconds, time_ns, vector
 
 EPOCH_2000 = 946_681_200
@@ -121,14 +123,69 @@ def test_fixes_that_a_log_repeats_on_every_row_are_taken_once_however_the_rows_c
     registry = Registry.installed()
     session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
     for at in range(11, 411, 10):
-        session.step()
+        list(session.new())
         with log.open("a") as file:
             file.write("\n".join(lines[at : at + 10]) + "\n")
-    session.step(last=True)
+    list(session.new(last=True))
     session.close()
     whole, live = recon.read(log), recon.read(out)
     assert len(set(time_ns(live["gnss"]).tolist()) ^ set(time_ns(whole["gnss"]).tolist())) <= 1
     assert live["imu"].num_rows == whole["imu"].num_rows
+
+
+def test_a_line_that_cannot_be_read_is_left_out_and_told(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    cells = lines[301].split("\t")
+    broken = [
+        *lines[:200],
+        "12\tgarb",
+        *lines[200:301],
+        "\t".join([*cells[:6], "x" + cells[6], *cells[7:]]),
+        *lines[302:],
+    ]
+    log.write_text("\n".join(broken[:150]) + "\n")
+    registry = Registry.installed()
+    session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
+    for at in (150, 300, 450):
+        list(session.new())
+        with log.open("a") as file:
+            file.write("\n".join(broken[at : at + 150]) + "\n")
+    list(session.new(last=True))
+    session.close()
+    assert [fault.split(":")[1] for fault in session.bad] == ["201", "303"]
+    found = recon.read(out)
+    assert found["imu"].num_rows == 599 - 2
+    (told,) = warnings_of(found["metrics"])
+    assert told.startswith("2 lines that could not be read left out, the first: ")
+    assert read_file(out).meta["manifest"]["lines_left_out"] == 2
+
+
+def test_a_log_of_which_no_line_can_be_read_is_refused(lines, tmp_path):
+    log = tmp_path / "log.txt"
+    log.write_text("\n".join([*lines[:50], *["1\tx"] * 200]) + "\n")
+    told = subprocess.run(command(log, tmp_path / "x.mcap", "--until-end"), capture_output=True, text=True, check=False)
+    assert told.returncode == 4
+    assert "100 lines cannot be read, the last: " in told.stderr
+
+
+def test_before_the_heading_is_known_it_says_what_it_waits_for_and_what_gnss_says(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "x.mcap"
+    log.write_text("\n".join(lines[:601]) + "\n")
+    told = subprocess.run(command(log, out, "--until-end", "--json"), capture_output=True, text=True, check=True)
+    first = json.loads(told.stdout.splitlines()[0])
+    assert first["lat"] == pytest.approx(44.4949, abs=0.01)
+    assert first["heading_deg"] is None
+    assert first["waiting_for"] == "60 s of the imu, of which 30 s are there"
+    assert "no trajectory: it was waiting for 60 s" in told.stderr
+
+
+def test_a_long_log_gives_results_while_it_is_worked_through(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "x.mcap"
+    log.write_text("\n".join(lines) + "\n")
+    told = subprocess.run(command(log, out, "--until-end", "--json"), capture_output=True, text=True, check=True)
+    times = [json.loads(line)["time"] for line in told.stdout.splitlines()]
+    assert len(times) > 10
+    assert times == sorted(times)
 
 
 @pytest.mark.parametrize(

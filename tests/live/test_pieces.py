@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -58,3 +59,15 @@ def test_rows_of_earlier_pieces_stand_before_new_ones_as_far_as_they_are_asked_f
     assert pieces.cut(LOG[37:]) == HEADER + b"1.1\t2\t3\n1.2\t2\t3\n"
     assert LOG[pieces.begins :] == b"1.2\t2\t3\n"
     assert [pieces.line(number) for number in (1, 3, 4, None)] == [1, 4, 5, None]
+
+
+def test_a_line_that_is_taken_out_stays_out_and_the_others_keep_their_numbers():
+    pieces = Pieces(overlap=100)
+    pieces.cut(LOG[:37])
+    assert pieces.without(4) == HEADER + b"1.0\t2\t3\n"
+    assert pieces.cut(LOG[37:]) == HEADER + b"1.0\t2\t3\n1.2\t2\t3\n"
+    assert [pieces.line(number) for number in (2, 3, 4)] == [2, 3, 5]
+    with pytest.raises(IndexError):
+        pieces.without(2)
+    with pytest.raises(IndexError):
+        pieces.without(5)
