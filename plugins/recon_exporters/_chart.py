@@ -14,12 +14,14 @@ from html import escape
 from typing import Final
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.tables import Array
+from recon.tables import Array, time_ns
 from recon_exporters._decimate import envelope, extremes, gaps, pieces, scattered
 from recon_exporters._panels import Curve, Panel
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, style_of
+from recon_exporters._words import words
 
 COLUMNS: Final = 30_000
 ROWS: Final = 10_000
@@ -27,6 +29,8 @@ WIDTH: Final = 1000
 HEIGHT: Final = 158
 LEFT, TOP, RIGHT, BOTTOM = 62, 6, 948, 134
 """Edges of the plot in the drawing of WIDTH x HEIGHT."""
+_UNSHADED: Final = ("trip", "impact")
+"""Events that last as long as the drive, or are crashes already."""
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
 _TURNS: Final = (15.0, 30.0, 45.0, 90.0, 180.0, 360.0)
 _TIMES: Final = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 14400.0)
@@ -60,6 +64,15 @@ class Window:
         return np.asarray(np.rint(np.clip(share, -1.0, 2.0) * COLUMNS), dtype=np.int64)
 
 
+def spans_of(events: pa.Table | None) -> list[Span]:
+    """The events to shade."""
+    if events is None:
+        return []
+    kinds = [kind or "event" for kind in events["kind"].to_pylist()]
+    times = (time_ns(events, name).tolist() for name in ("time", "end_time"))
+    return [Span(*row) for row in zip(*times, kinds, strict=True) if row[2] not in _UNSHADED]
+
+
 def figure(panel: Panel, window: Window, spans: Sequence[Span], max_gap: float) -> str:
     """The panel as <figure>; "" where none of its curves has a row in the window."""
     curves = [part for curve in panel.curves if (part := _inside(curve, window)) is not None]
@@ -69,15 +82,16 @@ def figure(panel: Panel, window: Window, spans: Sequence[Span], max_gap: float) 
     (first, last), (kind, factor) = window.seconds, panel.second or ("", 1.0)
     axes = [*_value_axis(panel, low, high), *_time_axis(first, last)]
     if panel.second:
-        axes += _second_axis(kind, low * factor, high * factor)
+        axes += _second_axis(low * factor, high * factor)
     drawn = [_span(span, window) for span in spans if span.end_ns >= window.start_ns and span.start_ns <= window.end_ns]
     drawn += [_level(level, low, high) for level in panel.levels if low < level < high]
     for curve in sorted(curves, key=lambda curve: layer(curve.role)):
         drawn += _drawn(curve, window, (low, high), max_gap)
     facts = f'data-key="{escape(panel.key)}" data-t="{first!r} {last!r}" data-y="{low!r} {high!r}"'
     turns = ' data-circular="1"' if panel.circular else ""
+    units = f"{panel.unit}; right: {kind}" if kind else panel.unit
     return (
-        f'<figure class="panel" {facts}{turns}><figcaption><b>{escape(panel.title)}</b> [{escape(panel.unit)}]'
+        f'<figure class="panel" {facts}{turns}><figcaption><b>{escape(panel.title)}</b> [{escape(units)}]'
         f"{legend((curve.name, curve.role, curve.sigma is not None) for curve in curves)}<output></output></figcaption>"
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(panel.title)} over time">'
         f"{''.join(axes)}"
@@ -100,7 +114,7 @@ def events_key(spans: Sequence[Span]) -> str:
     """What the shades mean; "" without an event."""
     kinds = {span.kind: EVENTS.get(span.kind, OTHER_EVENT) for span in spans}
     keys = (
-        f'<span class="key"><i style="color:{color};background:{color}44"></i>{escape(kind)}</span>'
+        f'<span class="key"><i style="color:{color};background:{color}44"></i>{escape(words(kind))}</span>'
         for kind, color in kinds.items()
     )
     return f'<p class="events">Shaded: {"".join(keys)}</p>' if kinds else ""
@@ -115,10 +129,11 @@ def paint(role: str) -> str:
 
 
 def path(x: Sequence[float], y: Sequence[float], parts: Iterable[slice], role: str) -> str:
-    """Path data: a line for each part, or a mark at each point."""
+    """Path data: a line for each part, or a mark at each point; squares without a length would be missing on paper."""
     if style_of(role).mark == "line":
         return "".join("M" + " ".join(f"{a} {b}" for a, b in zip(x[part], y[part], strict=True)) for part in parts)
-    return "".join(f"M{a} {b}h0" for part in parts for a, b in zip(x[part], y[part], strict=True))
+    length = 1 if style_of(role).mark == "squares" else 0
+    return "".join(f"M{a} {b}h{length}" for part in parts for a, b in zip(x[part], y[part], strict=True))
 
 
 def nice_step(span: float, count: int, steps: Sequence[float] = ()) -> float:
@@ -138,8 +153,8 @@ def ticks(low: float, high: float, step: float) -> list[float]:
 def clock(t_s: float, step: float) -> str:
     """Seconds after the start, as people read them."""
     if abs(t_s) < 600.0 and step < 60.0:
-        return f"{round(t_s, 6):g} s"
-    sign, whole = "-" if t_s < 0 else "", abs(round(t_s))
+        return f"{round(t_s, 6):g} s".replace("-", "−")
+    sign, whole = "−" if t_s < 0 else "", abs(round(t_s))
     minutes = f"{whole // 60 % 60:02d}:{whole % 60:02d}"
     return f"{sign}{whole // 3600}:{minutes}" if whole >= 3600 else f"{sign}{whole // 60}:{whole % 60:02d}"
 
@@ -202,7 +217,7 @@ def _span(span: Span, window: Window) -> str:
     color = EVENTS.get(span.kind, OTHER_EVENT)
     return (
         f'<rect class="event" x="{left}" y="0" width="{right - left}" height="{ROWS}" fill="{color}" stroke="{color}">'
-        f"<title>{escape(span.kind)}</title></rect>"
+        f"<title>{escape(words(span.kind))}</title></rect>"
     )
 
 
@@ -220,13 +235,12 @@ def _value_axis(panel: Panel, low: float, high: float) -> Iterator[str]:
         yield f'<text class="left" x="{LEFT - 6}" y="{y + 4:.1f}">{_number(shown, step)}</text>'
 
 
-def _second_axis(unit: str, low: float, high: float) -> Iterator[str]:
+def _second_axis(low: float, high: float) -> Iterator[str]:
     step = nice_step(high - low, 5)
     for value in ticks(low, high, step):
         y = BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
         yield f'<path class="tick" d="M{RIGHT} {y:.1f}h5"/>'
         yield f'<text x="{RIGHT + 8}" y="{y + 4:.1f}">{_number(value, step)}</text>'
-    yield f'<text class="left" x="{WIDTH - 1}" y="{HEIGHT - 8}">{unit}</text>'
 
 
 def _time_axis(first: float, last: float) -> Iterator[str]:
@@ -246,7 +260,7 @@ def _number(value: float, step: float) -> str:
 
 
 def _sample(role: str) -> str:
-    return "M0 5H26" if style_of(role).mark == "line" else "M5 5h0M13 5h0M21 5h0"
+    return "M0 5H26" if style_of(role).mark == "line" else "M5 5h.1M13 5h.1M21 5h.1"
 
 
 def _band_sample(role: str) -> str:

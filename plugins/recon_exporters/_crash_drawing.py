@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Final, NamedTuple
 
+from recon_exporters._labels import LETTER
 from recon_exporters._page import shown
 
 _SIZE: Final = 300
@@ -18,8 +19,6 @@ _HALF_LENGTH, _HALF_WIDTH = 64.0, 27.0
 WIDTH: Final = 1000
 _LEFT, _RIGHT, _LINE = 30.0, 970.0, 34.0
 _STEP: Final = 17.0
-_LETTER: Final = 6.6
-"""Width of a letter, for labels that must not overlap."""
 
 
 class Moment(NamedTuple):
@@ -117,28 +116,31 @@ def _at_from(x: float, y: float, angle: float, turn: float) -> tuple[float, floa
 
 
 def time_line(moments: Sequence[Moment], first_s: float, last_s: float) -> str:
-    """What happened when, from `first_s` to `last_s` after time zero, labels below each other where they would meet."""
+    """What happened when, from `first_s` to `last_s` after time zero.
+
+    Labels that would meet stand below each other, the earlier one lower: no line to a label crosses another label.
+    """
     inside = sorted((one for one in moments if first_s <= one.t_s <= last_s), key=lambda one: one.t_s)
     rows: list[float] = []
     marks = []
-    for moment in inside:
+    for moment in reversed(inside):
         x = _LEFT + (moment.t_s - first_s) / (last_s - first_s) * (_RIGHT - _LEFT)
         text = f"{shown(moment.t_s, 0.01)} s  {moment.text}"
-        width = _LETTER * len(text)
+        width = LETTER * len(text)
         start = min(x, _RIGHT + 25.0 - width)
-        row = next((index for index, end in enumerate(rows) if end < start), len(rows))
-        rows[row : row + 1] = [start + width + 14.0]
+        row = next((index for index, left in enumerate(rows) if start + width + 14.0 < left), len(rows))
+        rows[row : row + 1] = [start]
         y = _LINE + 22.0 + _STEP * row
         marks.append(
             f'<path class="tick" d="M{x:.1f} {_LINE - 5}V{y - 11:.1f}"/>'
             f'<circle class="moment" cx="{x:.1f}" cy="{_LINE}" r="4"/>'
-            f'<text x="{start:.1f}" y="{y:.1f}">{escape(text)}</text>'
+            f'<text class="name" x="{start:.1f}" y="{y:.1f}">{escape(text)}</text>'
         )
     height = _LINE + 30.0 + _STEP * max(len(rows), 1)
     return (
         f'<figure class="moments"><svg viewBox="0 0 {WIDTH} {height:.0f}" role="img" aria-label="time line">'
-        f'<path class="scale" d="M{_LEFT} {_LINE}H{_RIGHT}"/>{"".join(_seconds(first_s, last_s))}{"".join(marks)}'
-        "</svg></figure>"
+        f'<path class="scale" d="M{_LEFT} {_LINE}H{_RIGHT}"/>{"".join(_seconds(first_s, last_s))}'
+        f"{''.join(reversed(marks))}</svg></figure>"
     )
 
 

@@ -17,6 +17,7 @@ from recon_exporters._chart import Span
 from recon_exporters._crash_drawing import Moment, time_line, vehicle
 from recon_exporters._crash_pulse import pulse_charts
 from recon_exporters._page import CRASH_SIGN, Json, crash_step, number, shown, table
+from recon_exporters._words import unit_symbol
 
 _TITLES: Final[Mapping[str, str]] = {
     "speed_before": "Speed before",
@@ -97,10 +98,11 @@ def _sentence(rows: Mapping[str, Json]) -> str:
 
 
 def _with_interval(row: Json) -> str:
-    unit = {"deg": "°"}.get(row["unit"], f" {row['unit']}")
-    text = f"{_short(row, 'value')}{unit}"
+    symbol = unit_symbol(row["unit"])
+    symbol = symbol if symbol == "°" else f" {symbol}"
+    text = f"{_short(row, 'value')}{symbol}"
     if row["low"] is not None and row["high"] is not None:
-        text += f" (95 %: {_short(row, 'low')} to {_short(row, 'high')}{unit})"
+        text += f" (95 %: {_short(row, 'low')} to {_short(row, 'high')}{symbol})"
     return text
 
 
@@ -134,8 +136,10 @@ def _numbers(rows: Mapping[str, Json]) -> str:
         sigma = row["sigma"]
         edges = [number(row[key], sigma) for key in ("low", "high")]
         told = (escape(row["method"] or ""), escape(row["note"] or ""))
-        lines.append((title, number(row["value"], sigma), number(sigma, digits=2), *edges, row["unit"] or "", *told))
-    head = ("", "value", "± sigma", "95 % from", "to", "unit", "standard and method", "note")
+        lines.append(
+            (title, number(row["value"], sigma), number(sigma, digits=2), *edges, unit_symbol(row["unit"]), *told)
+        )
+    head = ("", "value", "±&nbsp;sigma", "95&nbsp;% from", "to", "unit", "standard and method", "note")
     return table(head, lines, "Severity")
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from recon.storage.json_text import to_json
 from recon_exporters._findings import is_finding
+from recon_exporters._words import unit_symbol, words
 
 Json = dict[str, Any]
 
@@ -19,7 +20,7 @@ CRASH_SIGN: Final = "delta_v_resultant_max"
 """The metric by which the step that judged a crash is known."""
 _SHORT: Final = 12
 """Cells of so few characters are not broken."""
-_ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "deg"))
+_ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "°"))
 
 
 def asset(name: str) -> str:
@@ -49,7 +50,7 @@ def shown(value: float, sigma: float | None = None, digits: int = 4) -> str:
         places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
         text = f"{value:.{max(places, 0)}f}"
         text = text.rstrip("0").rstrip(".") if "." in text else text
-    return text.replace("-", "−")
+    return (text if float(text) else text.lstrip("-")).replace("-", "−")
 
 
 def crash_step(facts: Json) -> str:
@@ -104,8 +105,14 @@ def _cell(content: str) -> str:
 
 
 def _name(text: str | None) -> str:
-    """A name of ours, which may be broken behind its parts."""
+    """The name of a file or a step, which may be broken behind its parts."""
     return re.sub(r"([_./])", r"\1<wbr>", escape(text or ""))
+
+
+def _metric(name: str) -> str:
+    """A metric in words; its name, by which programs know it, shows under the pointer."""
+    text = words(name)
+    return f'<span title="{escape(name)}">{escape(text[:1].upper() + text[1:])}</span>'
 
 
 def _head(facts: Json) -> str:
@@ -139,12 +146,12 @@ def _events(facts: Json) -> str:
             number(row["t_s"], 0.01),
             escape(_short(row["time"])),
             number(row["duration"], 0.01),
-            escape(row["kind"] or ""),
-            "" if row["value"] is None else f"{number(row['value'])} {escape(row['unit'] or '')}",
+            escape(words(row["kind"] or "event")),
+            "" if row["value"] is None else f"{number(row['value'])} {escape(unit_symbol(row['unit']))}",
             escape(row["note"] or ""),
             _name(row.get("step")),
         )
-        for row in facts["events"]
+        for row in sorted(facts["events"], key=lambda row: row["t_s"])
     )
     head = ("after [s]", "time", "lasts [s]", "event", "value", "note", "step")
     return table(head, rows) or "<p>No events were found.</p>"
@@ -160,7 +167,10 @@ def _outages(facts: Json) -> str:
 
 def _sigmas(facts: Json) -> str:
     rows = (
-        (f"{row['name']} [{row['unit']}]", *(number(row[key], digits=3) for key in ("median", "p95", "max")))
+        (
+            f"{row['name']} [{unit_symbol(row['unit'])}]",
+            *(number(row[key], digits=3) for key in ("median", "p95", "max")),
+        )
         for row in facts["sigmas"]
     )
     head = ("sigma of", "median", "95 %", "largest")
@@ -171,7 +181,7 @@ def _sigmas(facts: Json) -> str:
 def _residuals(facts: Json) -> str:
     rows = (
         (
-            escape(f"{row['sensor']} {row['component']}"),
+            escape(f"{words(row['sensor'])} {words(row['component'])}"),
             *(number(row[key]) for key in ("accepted", "rejected")),
             *(number(row[key], digits=3) for key in ("mean", "rms", "rms_in_sigmas")),
             number(None if row["beyond_2_sigma"] is None else 100.0 * row["beyond_2_sigma"], digits=3),
@@ -187,8 +197,8 @@ def _errors(facts: Json) -> str:
     if errors is None:
         return ""
     rows = (
-        (f"{group}, {name} [{unit}]", *(number(part[key], digits=3) for key in ("rmse", "median", "p95", "max")))
-        for group, unit in _ERRORS
+        (f"{group}, {name} [{symbol}]", *(number(part[key], digits=3) for key in ("rmse", "median", "p95", "max")))
+        for group, symbol in _ERRORS
         for name, part in errors.get(group, {}).items()
         if part is not None
     )
@@ -207,14 +217,14 @@ def _estimates(facts: Json) -> str:
         for row in facts["metrics"]
         if _is_estimate(row) and not (shown_above and row["step"] == shown_above)
     )
-    head = ("estimate", "value", "± sigma", "from", "to", "unit", "method", "note", "step")
+    head = ("estimate", "value", "±&nbsp;sigma", "from", "to", "unit", "method", "note", "step")
     return table(head, rows, "Estimates with their uncertainty: mounting, biases, delays and others")
 
 
 def _estimate(row: Json) -> Sequence[str]:
     value, sigma = row["value"], row["sigma"]
     edges = [number(row[key], sigma) for key in ("low", "high")]
-    return _name(row["name"]), number(value, sigma), number(sigma, digits=2), *edges, escape(row["unit"] or "")
+    return _metric(row["name"]), number(value, sigma), number(sigma, digits=2), *edges, escape(unit_symbol(row["unit"]))
 
 
 def _remarks(row: Json) -> Sequence[str]:
@@ -223,7 +233,7 @@ def _remarks(row: Json) -> Sequence[str]:
 
 def _learnt(facts: Json) -> str:
     rows = (
-        (_name(row["name"]), number(row["value"], digits=6), escape(row["unit"] or ""), *_remarks(row))
+        (_metric(row["name"]), number(row["value"], digits=6), escape(unit_symbol(row["unit"])), *_remarks(row))
         for row in facts["metrics"]
         if not _is_estimate(row) and not is_finding(row) and row["name"] != "warning"
     )

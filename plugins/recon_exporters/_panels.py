@@ -27,6 +27,7 @@ from recon.numerics.rotation import to_euler
 from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, meta, time_ns, vector
 from recon_exporters._style import role_of_fixes
+from recon_exporters._words import words
 
 FARTHEST: Final = 8.0
 """Residuals beyond so many sigmas are drawn there."""
@@ -240,7 +241,7 @@ def _residual_panels(residuals: pa.Table | None) -> Iterator[Panel]:
             _curve(role, role, part, np.where(chosen, drawn, np.nan))
             for role, chosen in (("accepted", accepted), ("rejected", ~accepted))
         ]
-        title = f"Residuals of {sensor} {component}"
+        title = f"Residuals of {words(sensor)} {words(component)}".rstrip()
         key = f"residuals_{sensor}_{component}"
         yield Panel(key, title, "σ", "residuals", list(_there(found)), levels=(-2.0, 2.0))
 

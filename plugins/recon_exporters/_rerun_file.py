@@ -25,6 +25,7 @@ from recon_exporters._rerun_space import draw_space
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, packed, times
 from recon_exporters._style import EVENTS, OTHER_EVENT, style_of
 from recon_exporters._tracks import iso_8601
+from recon_exporters._words import unit_symbol, words
 
 _SENSORS: Final = ("imu", "mag", "baro", "wheel")
 _DEGREES: Final = {"rad": "°", "rad/s": "°/s"}
@@ -38,9 +39,11 @@ def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
     """Write the file."""
     span = Recording(streams).span_ns() or (0, 0)
     with catch_and_log_exceptions("recon", strict=True):  # else what is refused would become a warning
-        file = rr.RecordingStream(f"recon {about.name}")  # the viewer keeps one layout for each application
+        # The viewer keeps one layout for each application. Of itself a file would say when it was exported.
+        file = rr.RecordingStream(f"recon {about.name}", send_properties=False)
         file.save(path)
         file.send_recording_name(about.name)
+        file.send_recording_start_time_nanos(span[0])
         space = draw_space(file, streams)
         panels = [panel for panel in panels_of(streams) if panel.group != "sensors"]  # all of a sensor is drawn below
         panels += list(_sigma_panels(panels))
@@ -60,13 +63,18 @@ def _draw_curve(file: rr.RecordingStream, path: str, curve: Curve) -> None:
     color, mark = color_of(curve.role), style_of(curve.role).mark
     style: rr.AsComponents
     if mark == "line" or curve.role == "wheel":  # wheels are read so often that dots would cover all else
-        style = rr.SeriesLines(colors=color, names=curve.name, widths=1.5)
+        style = _line(color, curve.name)
     elif mark == "dots":
         style = rr.SeriesPoints(colors=color, names=curve.name, markers="circle", marker_sizes=1.5)
     else:
         style = rr.SeriesPoints(colors=color, names=curve.name, markers="cross", marker_sizes=5.0)
     file.log(path, style, static=True)
     file.send_columns(path, [times(curve.t_ns)], rr.Scalars.columns(scalars=curve.values))
+
+
+def _line(colors: Any, names: Any) -> rr.SeriesLines:
+    """Where many rows fall on a pixel both ends of what they span are drawn: a mean would hide the peak of a crash."""
+    return rr.SeriesLines(colors=colors, names=names, widths=1.5, aggregation_policy="MinMax")
 
 
 def _sigma_panels(panels: Sequence[Panel]) -> Iterator[Panel]:
@@ -102,10 +110,10 @@ def _draw_group(file: rr.RecordingStream, path: str, stream: str, group: str, ta
     shown = np.degrees(values[known]) if unit in _DEGREES else values[known]
     names = [column.name for column in columns]
     colors = AXIS_COLORS[: len(names)] if len(names) <= len(AXIS_COLORS) else None
-    file.log(path, rr.SeriesLines(colors=colors, names=names, widths=1.5), static=True)
+    file.log(path, _line(colors, names), static=True)
     scalars = rr.Scalars.columns(scalars=shown.ravel()).partition(np.full(len(shown), len(names)))
     file.send_columns(path, [times(time_ns(table)[known])], scalars)
-    return f"{stream} {group} [{_DEGREES.get(unit, unit)}]"
+    return f"{words(group)} of {stream} [{_DEGREES.get(unit, unit_symbol(unit))}]"
 
 
 def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns: int) -> list[str]:
@@ -117,9 +125,9 @@ def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns:
         path = rr.new_entity_path(["events", kind])
         edges = _lane(spans(events, kind), shortest_ns)
         color = packed(EVENTS.get(kind, OTHER_EVENT))
-        look = rr.StateConfiguration(values=[kind, _NOTHING], colors=[color, color], visible=[True, False])
+        look = rr.StateConfiguration(values=[words(kind), _NOTHING], colors=[color, color], visible=[True, False])
         file.log(path, look, static=True)
-        states = rr.StateChange.columns(state=[kind, _NOTHING] * (len(edges) // 2))
+        states = rr.StateChange.columns(state=[words(kind), _NOTHING] * (len(edges) // 2))
         file.send_columns(path, [times(edges)], states)
     lines = rr.TextLog.columns(text=_sentences(events))
     file.send_columns("events_as_text", [times(time_ns(events))], lines)
@@ -147,8 +155,8 @@ def _sentences(events: pa.Table) -> list[str]:
 
 
 def _sentence(when: str, lasts: float, event: Mapping[str, Any]) -> str:
-    value = "" if event["value"] is None else f"{event['value']:.6g} {event['unit'] or ''}".strip()
-    parts = [f"{when} {event['kind']}, {lasts:.3f} s long", value, event["note"], event.get("step")]
+    value = "" if event["value"] is None else f"{event['value']:.6g} {unit_symbol(event['unit'])}".strip()
+    parts = [f"{when} {words(event['kind'])}, {lasts:.3f} s long", value, event["note"], event.get("step")]
     return "; ".join(part for part in parts if part)
 
 

@@ -37,10 +37,16 @@ STYLES: Final[Mapping[str, Style]] = {
     "x": Style("#0072B2"),
     "y": Style("#D55E00"),
     "z": Style("#009E73"),
-    "raw x": Style("#9CC9E3", width=1.0),
-    "raw y": Style("#F0B48F", width=1.0),
+    "raw x": Style("#56B4E9", width=4.0),
+    "raw y": Style("#E69F00", width=4.0),
 }
-EVENTS: Final[Mapping[str, str]] = {"standstill": "#999999", "outage": "#E69F00", "crash": "#D55E00"}
+EVENTS: Final[Mapping[str, str]] = {
+    "standstill": "#999999",
+    "outage": "#E69F00",
+    "crash": "#D55E00",
+    "harsh_acceleration": "#009E73",
+    "harsh_cornering": "#56B4E9",
+}
 OTHER_EVENT: Final = "#CC79A7"
 
 

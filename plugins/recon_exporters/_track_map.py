@@ -25,8 +25,10 @@ from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, time_ns, vector
 from recon_exporters._chart import Span, legend, nice_step, paint, path, ticks
 from recon_exporters._decimate import gaps, pieces
+from recon_exporters._labels import LETTER, placed
 from recon_exporters._panels import Source, sources_of
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, role_of_fixes
+from recon_exporters._words import words
 
 WIDTH: Final = 1000.0
 HIGHEST: Final = 560.0
@@ -35,6 +37,11 @@ MARGIN: Final = 36.0
 FINE: Final = 0.4
 """Points of a track closer together, in the drawing's unit, are left out: half of a line's thickness."""
 RADIUS: Final = 6_378_137.0
+_MOST_NAMES: Final = 40
+_FAR: Final = 14.0
+"""A name further above or below its point is joined to it by a line."""
+_SCALE_HEIGHT: Final = 36.0
+"""Below the names, for the scale."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +81,10 @@ def track_map(streams: Mapping[str, pa.Table], spans: Sequence[Span], zero_ns: i
     drawn = [_path(one, sheet, zero_ns, max_gap) for one in in_order]
     drawn += _marks(paths[0], spans, sheet)
     behind = f' data-world="{" ".join(map(repr, _corner(sheet)))}"' if sheet.world else ""
-    entries = [(one.name, one.role, False) for one in paths]
+    keys = legend((one.name, one.role, False) for one in paths) + _marks_key(spans)
     kind = "north up" if world else "local frame, whose north is a guess: no place on the Earth is known"
     return (
-        f'<figure class="map"{behind}><figcaption><b>Track</b> [{kind}]{legend(entries)}</figcaption>'
+        f'<figure class="map"{behind}><figcaption><b>Track</b> [{kind}]{keys}</figcaption>'
         f'<svg viewBox="0 0 {WIDTH:g} {sheet.height:.0f}" role="img" aria-label="The track from above">'
         f'<g class="tiles"></g>{"".join(_grid(sheet))}{"".join(drawn)}{_scale_bar(sheet)}'
         f'<circle class="now" r="6" visibility="hidden"/></svg></figure>'
@@ -145,23 +152,36 @@ def _path(one: Path, sheet: Sheet, zero_ns: int, max_gap: float) -> str:
     return f'<path class="curve" data-name="{escape(one.name)}"{times} d="{data}" {paint(one.role)}/>'
 
 
+def _marks_key(spans: Sequence[Span]) -> str:
+    kinds = dict.fromkeys(span.kind for span in spans)
+    return "".join(
+        f'<span class="key"><svg class="cross" viewBox="0 0 10 10"><path class="mark" d="M1 1L9 9M1 9L9 1" '
+        f'stroke="{EVENTS.get(kind, OTHER_EVENT)}"/></svg>{escape(words(kind))}</span>'
+        for kind in kinds
+    )
+
+
 def _marks(one: Path, spans: Sequence[Span], sheet: Sheet) -> Iterator[str]:
-    """Start, end, and the events along a path."""
+    """Start, end, and the events along a path; names as far as there is room, those of crashes first."""
     place = sheet.place(one.xy)
-    for span in spans:
-        row = min(int(np.searchsorted(one.t_ns, span.start_ns)), len(place) - 1)
-        x, y = place[row]
-        color = EVENTS.get(span.kind, OTHER_EVENT)
+    rows = np.minimum(np.searchsorted(one.t_ns, [span.start_ns for span in spans]), len(place) - 1)
+    points = [(float(x), float(y)) for x, y in place[rows]]
+    ends = {"start": (float(place[0, 0]), float(place[0, 1])), "end": (float(place[-1, 0]), float(place[-1, 1]))}
+    for span, (x, y) in zip(spans, points, strict=True):
         size = 4.5 if span.kind == "standstill" else 7.0
-        yield (
-            f'<path class="mark" d="M{x - size:.1f} {y - size:.1f}l{2 * size} {2 * size}m0 {-2 * size}l{-2 * size} '
-            f'{2 * size}" stroke="{color}"><title>{escape(span.kind)}</title></path>'
-        )
-        if span.kind != "standstill":
-            yield f'<text class="name" x="{x + 10:.1f}" y="{y + 18:.1f}">{escape(span.kind)}</text>'
-    for (x, y), word, up in ((place[0], "start", -10.0), (place[-1], "end", -10.0)):
+        cross = f"M{x - size:.1f} {y - size:.1f}l{2 * size} {2 * size}m0 {-2 * size}l{-2 * size} {2 * size}"
+        told = f"<title>{escape(words(span.kind))}</title>"
+        yield f'<path class="mark" d="{cross}" stroke="{EVENTS.get(span.kind, OTHER_EVENT)}">{told}</path>'
+    for x, y in ends.values():
         yield f'<circle class="end" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
-        yield f'<text class="name" x="{x + 8:.1f}" y="{y + up:.1f}">{word}</text>'
+    named = [(words(span.kind), at) for span, at in zip(spans, points, strict=True) if span.kind != "standstill"]
+    names = [*ends.items(), *sorted(named, key=lambda name: name[0] != "crash")][:_MOST_NAMES]
+    for label in placed(names, [*points, *ends.values()], WIDTH, sheet.height - _SCALE_HEIGHT):
+        (x, y), middle = label.point, label.y - 4.0
+        if abs(middle - y) > _FAR:
+            edge = label.x if label.x > x else label.x + LETTER * len(label.text)
+            yield f'<path class="leader" d="M{x:.1f} {y:.1f}L{edge:.1f} {middle:.1f}"/>'
+        yield f'<text class="name" x="{label.x:.1f}" y="{label.y:.1f}">{escape(label.text)}</text>'
 
 
 def _grid(sheet: Sheet) -> Iterator[str]:
@@ -177,10 +197,12 @@ def _grid_step(sheet: Sheet) -> float:
 
 
 def _scale_bar(sheet: Sheet) -> str:
+    """A round length, and where north is, as far as it is known."""
     step = _grid_step(sheet)
     length, y = step * sheet.scale, sheet.height - 14
     text = f"{step / 1000:g} km" if step >= 1000 else f"{step:g} m"
+    north = '<path class="scale" d="M980 44V16l-6 12m6 -12l6 12"/><text class="name" x="975" y="60">N</text>'
     return (
         f'<path class="scale" d="M16 {y - 5:.1f}v5h{length:.1f}v-5"/><text class="name" x="22" y="{y - 6:.1f}">{text}'
-        f'</text><path class="scale" d="M980 44V16l-6 12m6 -12l6 12"/><text class="name" x="975" y="60">N</text>'
+        f"</text>{north if sheet.world else ''}"
     )

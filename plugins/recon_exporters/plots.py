@@ -30,12 +30,13 @@ from recon.manifest import RunInfo
 from recon.parameters import Params, quantity, setting
 from recon.recording import Recording
 from recon.stages import Exporter
-from recon.tables import time_ns
+from recon_exporters._chart import Span, spans_of
 from recon_exporters._decimate import envelope, extremes, gaps, scattered
 from recon_exporters._panels import Curve, Panel, panels_of
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, style_of
 from recon_exporters._track_map import Path as Track
 from recon_exporters._track_map import paths_of
+from recon_exporters._words import words
 
 _INCH: Final = 0.0254
 _PANEL_HEIGHT: Final = 0.036
@@ -84,7 +85,7 @@ def plots(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, para
         if tracks:
             paths.append(_save(_track(tracks, placed is not None, params), folder / "track", params))
         for group, members in groups.items():
-            figure = _over_time(members, streams.get("events"), start, params)
+            figure = _over_time(members, spans_of(streams.get("events")), start, params)
             paths.append(_save(figure, folder / group, params))
     return paths
 
@@ -117,11 +118,11 @@ def _track(tracks: Sequence[Track], placed: bool, params: PlotsParams) -> Any:
     return figure
 
 
-def _over_time(panels: Sequence[Panel], events: pa.Table | None, start_ns: int, params: PlotsParams) -> Any:
-    figure = _figure(_PANEL_HEIGHT * len(panels) + 0.012, params)
+def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, params: PlotsParams) -> Any:
+    figure = _figure(_PANEL_HEIGHT * len(panels) + 0.012 + (0.006 if spans else 0.0), params)
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(rows, panels, strict=True):
-        _shade(axes, events, start_ns)
+        _shade(axes, spans, start_ns)
         for curve in panel.curves:
             _draw(axes, panel, curve, start_ns, params.max_gap)
         for level in panel.levels:
@@ -136,6 +137,7 @@ def _over_time(panels: Sequence[Panel], events: pa.Table | None, start_ns: int, 
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=5, fontsize=7.0, borderaxespad=0.1)
     rows[-1].set_xlabel("time after the start [s]")
     figure.align_ylabels(rows)
+    _shades_key(figure, spans)
     return figure
 
 
@@ -170,13 +172,21 @@ def _paint(role: str) -> dict[str, Any]:
     return {**facts, "linestyle": "none", "marker": marker, "markersize": 0.6 * style.width, "markeredgewidth": 0.0}
 
 
-def _shade(axes: Any, events: pa.Table | None, start_ns: int) -> None:
-    if events is None:
-        return
-    begin, end = ((time_ns(events, name) - start_ns) * 1e-9 for name in ("time", "end_time"))
-    for first, last, kind in zip(begin.tolist(), end.tolist(), events["kind"].to_pylist(), strict=True):
-        color = EVENTS.get(kind, OTHER_EVENT)
+def _shade(axes: Any, spans: Sequence[Span], start_ns: int) -> None:
+    for span in spans:
+        first, last = ((t_ns - start_ns) * 1e-9 for t_ns in (span.start_ns, span.end_ns))
+        color = EVENTS.get(span.kind, OTHER_EVENT)
         axes.axvspan(first, last, facecolor=color, edgecolor=color, alpha=0.2, linewidth=0.5, zorder=0.5)
+
+
+def _shades_key(figure: Any, spans: Sequence[Span]) -> None:
+    """What the shades mean, below the panels."""
+    from matplotlib.patches import Patch
+
+    kinds = dict.fromkeys(span.kind for span in spans)
+    keys = [Patch(color=EVENTS.get(kind, OTHER_EVENT), alpha=0.35, label=words(kind)) for kind in kinds]
+    if keys:
+        figure.legend(handles=keys, loc="outside lower center", ncols=5, fontsize=7.0)
 
 
 def _second_axis(axes: Any, unit: str, factor: float) -> None:

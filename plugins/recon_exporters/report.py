@@ -24,7 +24,7 @@ from recon.recording import Recording
 from recon.stages import Exporter
 from recon.storage.json_text import to_json
 from recon.tables import time_ns
-from recon_exporters._chart import Span, Window, events_key, figure
+from recon_exporters._chart import Span, Window, events_key, figure, spans_of
 from recon_exporters._crash_page import crash_page
 from recon_exporters._decimate import SPANS
 from recon_exporters._facts import facts_of
@@ -39,8 +39,6 @@ _AFTER: Final = 3_000_000_000
 _SHORTEST: Final = 1_000_000
 """Span of a chart, ns."""
 _MOST_CRASHES: Final = 6
-_UNSHADED: Final = ("trip", "impact")
-"""Events that last as long as the drive, or are crashes already."""
 
 
 class ReportParams(Params):
@@ -71,7 +69,7 @@ def _drawings(
     recorded = Recording(streams).span_ns()
     if recorded is None:
         return [], ["The run holds no rows."]
-    spans, panels = _spans(streams.get("events")), panels_of(streams)
+    spans, panels = spans_of(streams.get("events")), panels_of(streams)
     start = recorded[0]
     lasts = [int(curve.t_ns[-1]) for panel in panels for curve in panel.curves]
     whole = Window(start, max([*lasts, start + _SHORTEST]), start)
@@ -91,14 +89,6 @@ def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:
     """Findings count from the first row of imu, else of gnss."""
     tables = (streams[name] for name in ("imu", "gnss") if name in streams and streams[name].num_rows)
     return next((int(time_ns(table)[0]) for table in tables), start)
-
-
-def _spans(events: pa.Table | None) -> list[Span]:
-    if events is None:
-        return []
-    kinds = [kind or "event" for kind in events["kind"].to_pylist()]
-    times = (time_ns(events, name).tolist() for name in ("time", "end_time"))
-    return [Span(*row) for row in zip(*times, kinds, strict=True) if row[2] not in _UNSHADED]
 
 
 def _closeups(panels: Sequence[Panel], spans: Sequence[Span], zero_ns: int, max_gap: float) -> str:

@@ -467,7 +467,7 @@ def test_exporter_hdf5(law: BoundLaw) -> None:
     law()
 
 
-RERUN_IDS = "Rerun gives every row of a file an identifier of its own, by clock and chance; a test compares the rest"
+RERUN_IDS = "Rerun's SDK numbers a file by clock and chance, and lets no one tell it not to; a test compares the rest"
 
 
 @contract(

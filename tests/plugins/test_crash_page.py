@@ -159,10 +159,13 @@ def test_the_time_line_holds_what_is_near_in_its_order(tmp_path):
     assert text.count("standstill begins") == 1
 
 
-def test_labels_of_the_time_line_do_not_overlap():
+def test_labels_of_the_time_line_do_not_overlap_nor_do_their_lines_cross_them():
     drawn = time_line([Moment(0.01 * i, f"label number {i}") for i in range(8)], -5.0, 5.0)
-    placed = [(float(x), float(y)) for x, y in re.findall(r'<text x="(\S+)" y="(\S+)">', drawn)]
+    placed = [(float(x), float(y)) for x, y in re.findall(r'<text class="name" x="(\S+)" y="(\S+)">', drawn)]
     assert len({y for _, y in placed}) == 8
+    lines = [(float(x), float(y)) for x, y in re.findall(r'<path class="tick" d="M(\S+) 29.0V(\S+)"/>', drawn)]
+    assert len(lines) == 8
+    assert not [(line, label) for line in lines for label in placed if label[1] < line[1] and label[0] < line[0]]
 
 
 def test_with_several_crashes_the_page_is_about_the_severest(tmp_path):

@@ -328,6 +328,23 @@ def test_it_prints_on_paper(tmp_path):
     assert printed(tmp_path / "report.html", tmp_path / "profile").count(b"/Type /Page\n") >= 3
 
 
+def test_rejected_residuals_are_seen_on_paper(tmp_path):
+    """A square at the end of a line without a length is drawn on the screen and missing in a PDF."""
+    text, _ = export(tmp_path)
+    (drawn,) = re.findall(r'data-name="rejected" d="([^"]*)"', text)
+    assert drawn.count("M") == drawn.count("h1") == 10
+
+
+def test_events_metrics_and_residuals_are_told_in_words(tmp_path):
+    text, data = export(tmp_path, {**run_of(), "events": happened((5.0, 8.0), kind="harsh_braking")})
+    page = text[: text.index("<script")]
+    assert "harsh braking" in page
+    assert "Residuals of GNSS position east" in page
+    assert '<span title="mount_yaw">Mount yaw</span>' in page
+    assert not re.findall(r">[^<]*(?:harsh_braking|pos_e|mount_yaw)", page)
+    assert [event["kind"] for event in data["events"]] == ["harsh_braking"]
+
+
 def test_it_asks_for_nothing_from_the_network(tmp_path):
     """No address is loaded by the page itself; the street map is asked for by a click."""
     text, _ = export(tmp_path)

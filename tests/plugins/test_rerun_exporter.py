@@ -221,13 +221,12 @@ def test_several_runs_are_drawn_under_their_names(tmp_path):
 
 
 def content(path: Path) -> dict[tuple[str, bool], list[Any]]:
-    """All columns of all chunks but the identifiers of rows and what the file says of itself."""
+    """All columns of all chunks but the identifiers of rows."""
     found: dict[tuple[str, bool], list[Any]] = {}
     for chunk in RrdReader(str(path)).stream():
-        if not chunk.entity_path.startswith("/__properties"):
-            batch = chunk.to_record_batch()
-            columns = {name: batch[name].to_pylist() for name in batch.schema.names if not name.startswith("rerun.")}
-            found.setdefault((chunk.entity_path, chunk.is_static), []).append(columns)
+        batch = chunk.to_record_batch()
+        columns = {name: batch[name].to_pylist() for name in batch.schema.names if not name.startswith("rerun.")}
+        found.setdefault((chunk.entity_path, chunk.is_static), []).append(columns)
     return found
 
 
@@ -237,6 +236,15 @@ def test_equal_streams_give_equal_files_but_for_the_identifiers_of_rows(tmp_path
     (tmp_path / "again").mkdir()
     first, again = export(tmp_path, trajectory=table), export(tmp_path / "again", trajectory=in_chunks)
     assert content(first) == content(again)
+    done = subprocess.run([_viewer(), "rrd", "compare", "--unordered", first, again], check=False, capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_a_file_is_dated_by_the_run_and_not_by_its_export(tmp_path):
+    path = export(tmp_path, trajectory=moving())
+    column = "property:RecordingInfo:start_time"
+    told = [batch[column] for batch in chunks(path, "/__properties", static=True) if column in batch.schema.names]
+    assert [batch.flatten().cast(pa.int64()).to_pylist() for batch in told] == [[START_NS]]
 
 
 def test_pictures_beside_the_log_are_taken_and_no_others(tmp_path):

@@ -29,10 +29,10 @@
     return Math.abs(at(list[low]) - x) <= Math.abs(at(list[high]) - x) ? low : high;
   };
   const clock = (t, step) => {
-    if (Math.abs(t) < 600 && step < 60) return `${+t.toFixed(6)} s`;
+    if (Math.abs(t) < 600 && step < 60) return `${+t.toFixed(6)} s`.replace("-", "−");
     const whole = Math.abs(Math.round(t)), two = n => String(n).padStart(2, "0");
     const minutes = Math.floor(whole / 60), hours = Math.floor(minutes / 60);
-    return (t < 0 ? "-" : "") + (hours ? `${hours}:${two(minutes % 60)}` : minutes) + ":" + two(whole % 60);
+    return (t < 0 ? "−" : "") + (hours ? `${hours}:${two(minutes % 60)}` : minutes) + ":" + two(whole % 60);
   };
   const stepOf = span => {
     if (span > 9) return STEPS.find(step => span / step <= 9) || 28800;
