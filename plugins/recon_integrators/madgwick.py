@@ -5,9 +5,9 @@ and filter disagree by more than `rejection` the accelerometer is not heard, so 
 box. This is the revised filter of Madgwick's thesis, which has replaced the gradient descent of 2010.
 
 The package imufusion is the author's own: C, ENU, MIT, 60 kB, kept up, built for every Python and machine. It takes one
-sample at a time, 1 to 2 us each from Python, so it runs on five blocks a second (see recon.numerics.attitude). ahrs has
-the filter of 2010 in Python, 20 to 70 us a sample. The filter knows no bias of the gyroscope; a constant one, as
-Mahony's filter finds it, is taken off before. As in integrator.vqf the heading is found in `_north`.
+sample at a time, 1 to 2 us each from Python, so it runs on five blocks in two seconds (see recon.numerics.attitude).
+ahrs has the filter of 2010 in Python, 20 to 70 us a sample. The filter knows no bias of the gyroscope; a constant one,
+as Mahony's filter finds it, is taken off before. As in integrator.vqf the heading is found in `_north`.
 
 References
     Madgwick (2014), "AHRS algorithms and calibration solutions to facilitate new applications using low-cost MEMS",
@@ -28,7 +28,7 @@ from recon.numerics.attitude import Blocks, first_level, mahony
 from recon.numerics.rotation import normalize
 from recon_integrators._nine_axes import Level, NineAxesParams, attitude_by, declared
 
-_RATE_HZ = 5.0
+_RATE_HZ = 2.5
 _BIAS_BLOCKS, _BIAS_GAINS = 2, (0.06, 0.0004)
 _G = 9.80665
 

@@ -24,12 +24,15 @@ import numpy as np
 
 from recon.numerics.rotation import (
     Floats,
+    compose,
     conjugate,
+    from_rotvec,
     multiply,
     normalize,
     rotate,
     shortest_arc,
     sign_continuous,
+    to_matrix,
     to_rotvec,
 )
 from recon.numerics.smoothing.soa import cross, quat_exp, quat_multiply, running_product
@@ -37,6 +40,8 @@ from recon.numerics.smoothing.soa import cross, quat_exp, quat_multiply, running
 _UP = np.array([0.0, 0.0, 1.0])
 _FIRST_S = 2.0
 """Of the record, whose mean specific force shows where up is at its start."""
+_LEARN_S = 1.0
+"""Blocks of the round that learns the bias."""
 
 
 class Blocks(NamedTuple):
@@ -134,46 +139,49 @@ def mahony(blocks: Blocks, gain: float, bias_gain: float) -> tuple[Floats, Float
 
         error = f x up,    d bias / dt = -k_i error,    d q / dt = q (x) (omega - bias + k_p error) / 2
 
-    with f the direction of the specific force and all vectors in the sensor; here written for the correction
-    c = q_ls (x) q_gs*, which changes slowly, and carried on from block to block.
+    with f the direction of the specific force and all vectors in the sensor, carried on from block to block. Only up
+    feeds back: the loop carries that and the bias, and the attitude is composed of its corrections afterwards.
 
-    The record is gone through twice: what the first round learnt of the bias the second one begins with.
+    The record is gone through twice: what a first round, in blocks of about a second, learnt of the bias the second one
+    begins with.
 
     gain : k_p, 1/s;  bias_gain : k_i, 1/s^2
     returns : q_ls (m, 4) at the end of each block; bias (m, 3) rad/s, sensor
     """
-    q_gs = blocks.q_end
-    axes_g = np.stack([rotate(q_gs, axis) for axis in np.eye(3)], axis=1).reshape(-1, 9)
-    rows = np.column_stack((normalize(blocks.force_g), blocks.step_s, axes_g))
-    start = first_level(blocks).tolist()
-    learnt = _carried(rows, start, [0.0, 0.0, 0.0], gain, bias_gain)[-1, 4:].tolist()
-    found = _carried(rows, start, learnt, gain, bias_gain)
-    return normalize(multiply(found[:, :4], q_gs)), found[:, 4:]
+    coarse = blocks.merged(max(1, round(_LEARN_S / float(np.median(blocks.step_s)))) if len(blocks.t_s) > 1 else 1)
+    learnt = _carried(coarse, gain, bias_gain, np.zeros(3))[-1, 3:]
+    found = _carried(blocks, gain, bias_gain, learnt)
+    return _composed(blocks, gain, found), found[:, 3:]
 
 
-def _carried(rows: Floats, start: list[float], bias: list[float], gain: float, bias_gain: float) -> Floats:
-    """Correction and bias block after block: (m, 7). rows : (m, 13) force, step and axes of the sensor, drifting."""
-    w, x, y, z = start
-    bx, by, bz = bias
-    found = []
-    for fx, fy, fz, step, xx, xy, xz, yx, yy, yz, zx, zy, zz in rows.tolist():
-        # up of the level frame as the drifting one sees it, and the turn that would take it to the specific force
-        ux, uy, uz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-        ex, ey, ez = fy * uz - fz * uy, fz * ux - fx * uz, fx * uy - fy * ux
-        learnt, half = bias_gain * step, 0.5 * step
-        bx -= learnt * (xx * ex + xy * ey + xz * ez)
-        by -= learnt * (yx * ex + yy * ey + yz * ez)
-        bz -= learnt * (zx * ex + zy * ey + zz * ez)
-        hx = half * (gain * ex - bx * xx - by * yx - bz * zx)
-        hy = half * (gain * ey - bx * xy - by * yy - bz * zy)
-        hz = half * (gain * ez - bx * xz - by * yz - bz * zz)
-        w, x, y, z = (
-            w - x * hx - y * hy - z * hz,
-            x + w * hx + y * hz - z * hy,
-            y + w * hy + z * hx - x * hz,
-            z + w * hz + x * hy - y * hx,
-        )
-        norm = (w * w + x * x + y * y + z * z) ** 0.5
-        w, x, y, z = w / norm, x / norm, y / norm, z / norm
-        found.append((w, x, y, z, bx, by, bz))
-    return np.array(found)
+def _carried(blocks: Blocks, gain: float, bias_gain: float, first_bias: Floats) -> Floats:
+    """Up as the sensor sees it and the bias, at the end of each block: (m, 6).
+
+    Plain numbers: arrays of three take ten times as long.
+    """
+    turned = to_matrix(conjugate(from_rotvec(blocks.turns))).reshape(-1, 9)
+    x, y, z = rotate(conjugate(first_level(blocks)), _UP).tolist()
+    bx, by, bz = first_bias.tolist()
+    found: list[float] = []
+    columns = np.vstack((normalize(blocks.force_s).T, blocks.step_s, turned.T)).tolist()
+    for fx, fy, fz, step, xx, xy, xz, yx, yy, yz, zx, zy, zz in zip(*columns, strict=True):
+        x, y, z = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+        ex, ey, ez = fy * z - fz * y, fz * x - fx * z, fx * y - fy * x
+        learnt = bias_gain * step
+        bx, by, bz = bx - learnt * ex, by - learnt * ey, bz - learnt * ez
+        hx, hy, hz = step * (gain * ex - bx), step * (gain * ey - by), step * (gain * ez - bz)
+        x, y, z = x + y * hz - z * hy, y + z * hx - x * hz, z + x * hy - y * hx
+        size = (x * x + y * y + z * z) ** 0.5
+        x, y, z = x / size, y / size, z / size
+        found += (x, y, z, bx, by, bz)
+    return np.array(found).reshape(-1, 6)
+
+
+def _composed(blocks: Blocks, gain: float, found: Floats) -> Floats:
+    """The attitude (m, 4) of what `_carried` found: all corrections one after the other, and up as it was carried."""
+    q_start, turns, up_s, bias_s = first_level(blocks), from_rotvec(blocks.turns), found[:, :3], found[:, 3:]
+    before_s = np.concatenate((rotate(conjugate(q_start), _UP)[None], up_s[:-1]))
+    error_s = np.cross(normalize(blocks.force_s), rotate(conjugate(turns), before_s))
+    steps = multiply(turns, from_rotvec(blocks.step_s[:, None] * (gain * error_s - bias_s)))
+    q_ls = compose(steps, q_start)[1:]
+    return multiply(q_ls, shortest_arc(up_s, rotate(conjugate(q_ls), _UP)))
