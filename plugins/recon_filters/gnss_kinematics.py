@@ -7,8 +7,9 @@ are of second order at irregular times; none is taken across an outage, where ve
 own velocity comes from the Doppler shift: it is less noisy than differences of positions, but many receivers filter
 it and report it late.
 
-Positions that a logger repeats between two reports, and those that no vehicle could have driven through, are left out
-(null): see _plausible.py. A derived speed that disagrees strongly with the reported one gives a warning.
+Positions that a logger repeats between two reports, those that no vehicle could have driven through, and those that
+the receiver's own speed refutes are left out (null): see _plausible.py. A derived speed that disagrees strongly with
+the reported one gives a warning.
 
 References
     Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., eq. 2.112
@@ -53,12 +54,14 @@ from recon.agreement import agreement, as_metrics
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodetic_to_enu
 from recon.numerics.signals import differentiate
 from recon.placing import moment
-from recon_filters._plausible import drivable, reported
+from recon_filters._plausible import drivable, reach, reported
 
 _EARTHS = {"wgs84": WGS84, "sphere": SPHERE}
 _ADDED = ("pos", "vel", "acc")
 _TWO_DIMENSIONAL = 2
 """Lowest value of the column fix at which a receiver claims to know where it is."""
+_FEW = 0.1
+"""Share of positions that may contradict the reported speed: where more do, it is the speed that is wrong."""
 
 
 class GnssKinematicsParams(Params):
@@ -130,22 +133,31 @@ def _believed(
     new = reported(t_ns[rows], place, round(params.max_gap * 1e9))
     held, rows = int((~new).sum()), rows[new]
     placed = _positions(gnss, rows, params)
-    good = drivable((t_ns[rows] - t_ns[rows[0]]) * 1e-9, placed.pos[rows], params.max_speed)
+    t_s = (t_ns[rows] - t_ns[rows[0]]) * 1e-9
+    good = drivable(t_s, placed.pos[rows], params.max_speed)
     learnt = [Metric("positions_repeated", float(held), note="between two reports: left out")]
     learnt.append(Metric("positions_impossible", float((~good).sum()), note="too far apart in too short a time"))
     if not good.all():
-        bad = rows[~good]
-        learnt.append(
-            warning(
-                f"{len(bad)} of {len(rows)} gnss positions can only be reached faster than "
-                f"{params.max_speed * 3.6:g} km/h and are left out, first at {moment(t_ns, int(bad[0]))}"
-            )
-        )
+        why = f"can only be reached faster than {params.max_speed * 3.6:g} km/h"
+        learnt.append(_left_out(t_ns, rows, good, why))
+    if has(gnss, "speed"):
+        reach_m = reach(t_s, vector(gnss, "speed", gaps=True)[rows], params.max_speed, params.max_gap)
+        agreeing = drivable(t_s, placed.pos[rows, :2], params.max_speed, reach_m)
+        if 0.0 < np.mean(good & ~agreeing) <= _FEW:
+            learnt.append(_left_out(t_ns, rows, agreeing | ~good, "contradict the speed that gnss itself tells"))
+            good &= agreeing
+    if not good.all():
         rows = rows[good]
         placed = _positions(gnss, rows, params)
     believed = np.zeros(len(t_ns), dtype=bool)
     believed[rows] = True
     return believed, placed, learnt
+
+
+def _left_out(t_ns: NDArray[np.int64], rows: NDArray[np.intp], good: NDArray[np.bool_], why: str) -> Metric:
+    bad = rows[~good]
+    first = moment(t_ns, int(bad[0]))
+    return warning(f"{len(bad)} of {len(rows)} gnss positions {why} and are left out, first at {first}")
 
 
 def _compared(gnss: pa.Table, derived: Array) -> list[Metric]:

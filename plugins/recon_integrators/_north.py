@@ -1,10 +1,11 @@
 """Which way a levelled sensor looks: by its magnetometer, by the course over ground, or by both.
 
 The magnetometer is first freed of hard iron, found from how the field turns with the box. Samples whose strength or
-vertical part differ from the usual are disturbed and left out. Its north is magnetic: the declination of the World
-Magnetic Model at the place and date of the log, or a given one, leads to true north. The course comes from changes of
-the GNSS velocity, set against what the accelerometer feels (recon.numerics.heading). Where the two disagree by more
-than their sigmas allow, the course is believed: it has no iron about it.
+vertical part differ from the usual are disturbed and left out; so is all of it where the usual field cannot be that of
+the Earth, for on a straight road nothing else shows the iron about a phone. Its north is magnetic: the declination of
+the World Magnetic Model at the place and date of the log, or a given one, leads to true north. The course comes from
+changes of the GNSS velocity, set against what the accelerometer feels (recon.numerics.heading). Where the two disagree
+by more than their sigmas allow, the course is believed: it has no iron about it.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ _FIX_GAP_S: Final = 2.5
 _UNKNOWN: Final = np.radians(45.0)
 """Sigma beyond which a heading is no heading."""
 _DISAGREE: Final = np.radians(15.0)
+_MISLED: Final = np.radians(25.0)
+"""By which iron may turn the heading, of the field that it adds, before the magnetometer is left out."""
 _SURE: Final = np.radians(6.0)
 
 
@@ -228,6 +231,10 @@ def _field_of(
         ]
     usual, usual_up = float(np.nanmedian(all_strength)), float(np.nanmedian(all_up))
     flat = max(np.sqrt(max(usual**2 - usual_up**2, 0.0)), 0.05 * usual)
+    learnt.append(Metric("magnetic_strength", usual, "T", note="usual strength of the field, hard iron taken off"))
+    refuted = _refuted(float(flat), usual_up, north)
+    if refuted:
+        return [np.zeros(piece.seconds, dtype=np.complex128) for piece in pieces], [*learnt, *refuted]
     sigma = float(np.hypot(_FIELD_SIGMA, sigma_t / flat))
     found, disturbed, measured_rows = [], 0, 0
     for piece, size, field_l in zip(pieces, strength, levelled, strict=True):
@@ -239,9 +246,14 @@ def _field_of(
         believed = np.where(known & ~wrong, horizontal(field_l), np.nan)
         found.append(field_evidence(piece.blocks.t_s, believed, north.direction, sigma, piece.seconds))
     share = disturbed / max(measured_rows, 1)
-    learnt.append(Metric("magnetic_strength", usual, "T", note="usual strength of the field, hard iron taken off"))
-    learnt.append(Metric("magnetic_disturbance", 100.0 * share, "%", note="of the time, in which mag is rejected"))
-    return found, learnt + _strange(usual, north, share)
+    learnt.append(_disturbance(share))
+    if share > 0.3:
+        learnt.append(warning(f"mag is disturbed in {100.0 * share:.0f} % of the time: its heading deserves doubt"))
+    return found, learnt
+
+
+def _disturbance(share: float) -> Metric:
+    return Metric("magnetic_disturbance", 100.0 * share, "%", note="of the time, in which mag is rejected")
 
 
 def _at_blocks(piece: Levelled, mag: pa.Table) -> Array:
@@ -275,20 +287,27 @@ def _iron(
     size = north.strength or float(np.median(np.linalg.norm(fields[longest][known], axis=1)))
     if sigma < 0.3 * size:
         return found.offset_s, sigma, learnt
-    note = "the drive has too few bends to find the hard iron about the magnetometer: it is used as it is"
+    note = "the drive has too few bends to find the hard iron about the magnetometer: none is taken off"
     return np.zeros(3), 0.5 * size, [warning(note)]
 
 
-def _strange(usual: float, north: North, share: float) -> list[Metric]:
-    notes: list[Metric] = []
-    if north.strength is not None and north.vertical is not None:
-        earth = float(np.hypot(north.strength, north.vertical))
-        if not 0.6 < usual / earth < 1.6:
-            note = f"mag measures {usual * 1e6:.0f} uT where the Earth has {earth * 1e6:.0f} uT"
-            notes.append(warning(f"{note}: are its unit and axes right?"))
-    if share > 0.3:
-        notes.append(warning(f"mag is disturbed in {100.0 * share:.0f} % of the time: its heading deserves doubt"))
-    return notes
+def _refuted(flat: float, up: float, north: North) -> list[Metric]:
+    """Said where the usual field, T level and upwards, cannot be the Earth's; empty where it can, or that is not known.
+
+    Level and upwards do not depend on the heading, so what they are off by is iron, a unit or the wrong axes, and would
+    turn the heading by about its share of the level field.
+    """
+    if north.strength is None or north.vertical is None:
+        return []
+    off = float(np.hypot(flat - north.strength, up - north.vertical))
+    if off <= np.sin(_MISLED) * north.strength:
+        return []
+    note = (
+        f"mag measures {flat * 1e6:.0f} uT level and {up * 1e6:.0f} uT upwards where the Earth has "
+        f"{north.strength * 1e6:.0f} and {north.vertical * 1e6:.0f}: it is left out "
+        "(iron about it that the drive does not show, or other axes or another unit than it says?)"
+    )
+    return [_disturbance(1.0), warning(note)]
 
 
 def _agreeing(

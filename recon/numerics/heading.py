@@ -9,7 +9,9 @@ Two kinds of evidence tell it, as complex numbers whose phase is delta and whose
     magnetometer     z = h_n conj(h_l)           horizontal field, by the model of the Earth and as measured
 
 East is the real, north the imaginary axis. The course needs no knowledge of how the sensor sits in the vehicle, but
-changes of velocity: bends, braking, speeding up. The smoothed angle is the one that makes the sum over seconds k of
+changes of velocity: bends, braking, speeding up. What lasts of these for half a minute is taken off both: a filter
+takes a steady acceleration for a tilt, and feels the opposite when it is over. The smoothed angle is the one that makes
+the sum over seconds k of
 
     w_k (angle of z_k - delta_k)^2 + (second difference of delta)_k^2 / rho^2
 
@@ -151,10 +153,18 @@ def course_evidence(
     seen_l = np.interp(fix_s, t_s, change_l.real) + 1j * np.interp(fix_s, t_s, change_l.imag)
     span = np.diff(fix_s)
     close = (span >= _SHORTEST_S) & (span <= _LONGEST_S)
-    found = np.diff(vel_n) * np.conj(np.diff(seen_l)) / (sigma * np.maximum(span, 1.0)) ** 2
+    span, told, felt = span[close], np.diff(vel_n)[close], np.diff(seen_l)[close]
+    found = _without_lasting(told, span) * np.conj(_without_lasting(felt, span)) / (sigma * np.maximum(span, 1.0)) ** 2
     middle = np.clip(np.floor(0.5 * (fix_s[1:] + fix_s[:-1])).astype(np.intp), 0, seconds - 1)
-    np.add.at(result, middle[close], found[close])
+    np.add.at(result, middle[close], found)
     return result
+
+
+def _without_lasting(change: Complexes, span: Floats) -> Complexes:
+    """Changes of velocity over spans of s less what lasts for half a minute, which levels the sensor wrongly."""
+    width = max(3, round(_TURN_S / float(np.median(span)))) | 1 if len(span) else 1
+    rate = change / span
+    return np.asarray(span * (rate - moving_average(rate.real, width) - 1j * moving_average(rate.imag, width)))
 
 
 def field_evidence(t_s: Floats, field_l: Complexes, north: complex, sigma: float, seconds: int) -> Complexes:

@@ -240,6 +240,36 @@ def test_a_small_jump_for_good_costs_the_fixes_beside_it_only() -> None:
     assert value_of(streams, "positions_impossible") == 2.0
 
 
+def excursion(speed: np.ndarray, shift: float = 60.0) -> Any:
+    """100 s at 7 m/s and one fix a second, two of which lie aside."""
+    t_s = np.arange(100.0)
+    pos = np.column_stack((7.0 * t_s, np.zeros(100), np.zeros(100)))
+    pos[40:42, 1] += shift
+    return gnss_kinematics(gnss=fixes_at(t_s, pos, speed=speed), params=GnssKinematicsParams())
+
+
+def test_positions_that_the_receivers_own_speed_refutes_are_left_out() -> None:
+    # From fix to fix 7 m, over the jump 60 m: more than 1.5 x 7 m and the 15 m by which fixes scatter.
+    streams = excursion(np.full(100, 7.0))
+    missing = np.isnan(matrix(streams["gnss"], "pos", gaps=True)).any(axis=1)
+    assert np.flatnonzero(missing).tolist() == [40, 41]
+    (note,) = warnings_of(streams["metrics"])
+    assert note.startswith("2 of 100 gnss positions contradict the speed that gnss itself tells and are left out")
+    assert warnings_of(excursion(np.full(100, 7.0), shift=15.0)["metrics"]) == []
+
+
+def test_a_speed_that_is_not_known_refutes_no_position() -> None:
+    for speed in (np.zeros(100), np.full(100, np.nan)):
+        assert np.isfinite(matrix(excursion(speed)["gnss"], "pos")).all()
+
+
+def test_a_speed_that_most_positions_refute_is_not_heard() -> None:
+    t_s = np.arange(100.0)
+    pos = np.column_stack((30.0 * t_s, np.zeros(100), np.zeros(100)))
+    gnss = fixes_at(t_s, pos, speed=np.full(100, 30.0 / 3.6))  # taken for km/h
+    assert np.isfinite(matrix(gnss_kinematics(gnss=gnss, params=GnssKinematicsParams())["gnss"], "pos")).all()
+
+
 def test_a_position_repeated_beside_a_new_speed_is_no_fix() -> None:
     t_s = np.sort(np.concatenate((RATE_10HZ_S, RATE_10HZ_S + 0.006)))
     pos = np.repeat(straight(RATE_10HZ_S), 2, axis=0)
