@@ -104,6 +104,24 @@ def test_a_town_with_nine_axes_and_a_table_for_each_sensor(boston: Path) -> None
     assert "heading" in {row["name"] for row in plain.metrics.to_pylist()}
 
 
+def test_a_motorbike_is_no_faster_than_its_receiver_says(logs: Path) -> None:
+    """Where it turns back, two fixes of the phone lie 40 m beside the way; its own speed, 2 m/s, tells that."""
+    mapping = Path(__file__).parents[1] / "plugins" / "csv_mappings" / "dresden_motorbike.yaml"
+    columns = {"reader.csv.columns": yaml.safe_load(mapping.read_text(encoding="utf-8"))}
+    run = recon.run("smartphone", logs / "balzer82_dresden" / "2016-08-09-Motorbike.csv", **columns)
+    assert any(
+        "2 of 107 gnss positions contradict the speed that gnss itself tells" in n for n in warnings_of(run.metrics)
+    )
+    gnss, found = run.recording["gnss"], run.trajectory
+    speed = np.hypot(*matrix(found.table, "vel")[:, :2].T)
+    apart = interpolate(time_ns(gnss), time_ns(found.table), speed) - vector(gnss, "speed")
+    # A fix a second that scatters by 1 to 2 m, and the phone's speed, which lags by 0.7 s while accelerations are 1
+    # m/s^2: a metre a second, two or three of them together at the worst.
+    assert np.sqrt(np.nanmean(apart**2)) < 1.0
+    assert np.nanmax(np.abs(apart)) < 4.0
+    assert speed.max() < vector(gnss, "speed").max() + 2.0
+
+
 def test_distances_are_measured_between_images_beside_the_log(tmp_path: Path) -> None:
     made = drive(1)
     start = int(time_ns(made.recording["imu"])[0]) // 1_000_000
