@@ -17,7 +17,7 @@ A user sees `message` and `hint`, never a traceback. `message` is one sentence t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -134,9 +134,13 @@ class ContractError(StageError):
 
 
 class Difference(ReconError):
-    """A sealed run is not as it was sealed, or does not come out again: the first difference."""
+    """A sealed run is not as it was sealed, or does not come out again: the first difference.
+
+    streams : where it was run again, how alike each stream came out, as JSON holds it
+    """
 
     exit_code = 7
+    streams: tuple[Mapping[str, object], ...] = ()
 
 
 class StorageError(ReconError):

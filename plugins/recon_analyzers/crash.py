@@ -226,8 +226,8 @@ def _rows(numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
 
 def _budget(found: Uncertain, name: str) -> str:
     """Where the sigma comes from, the largest first."""
-    parts = sorted(found.shares.items(), key=lambda part: -part[1])
-    shown = ", ".join(f"{source} {share:.2g}" for source, share in parts if share > 0.05 * found.sigma)
+    parts = [(source, f"{share:.2g}") for source, share in found.shares.items() if share > 0.05 * found.sigma]
+    shown = ", ".join(" ".join(part) for part in sorted(parts, key=lambda part: (-float(part[1]), part[0])))
     notes = [f"sigma of {shown}"] if shown else []
     if name == "pdof":
         notes.insert(0, f"{severity.clock(np.radians(found.value))} o'clock")

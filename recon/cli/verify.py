@@ -36,7 +36,7 @@ def verify(
     except Difference as difference:
         if as_json:
             told = {"file": file.name, "agreement": "", "difference": difference.message, "hint": difference.hint}
-            console.write_json(told)
+            console.write_json({**told, "streams": difference.streams})
         raise
     console.write_json(found.as_data()) if as_json else console.write(as_text(found, noted=sha256 is not None))
 

@@ -157,7 +157,8 @@ def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list
         if sealed.get(key) != here[key]
     ]
     if sealed.get("processor") != here["processor"]:
-        found.append("the kind of processor is another one, which rounds otherwise")
+        kinds = f"was {sealed.get('processor')}, here it is {here['processor']}"
+        found.append(f"the kind of processor {kinds}, which rounds otherwise")
     packages = sealed.get("packages", {})
     for name, version in here["packages"].items():
         if packages.get(name) not in (None, version) and name != FIRST_PARTY:

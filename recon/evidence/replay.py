@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from recon import api
 from recon.errors import Difference, PluginNotFound
-from recon.evidence.sameness import farthest_in_sigmas, unlike, unlike_data
+from recon.evidence.sameness import OTHER, ROUNDED, SAME_BYTES, SAME_NUMBERS, Kinship, kinships, unlike, unlike_data
 from recon.pipeline import Pipeline
 from recon.registry import Registry, Source
 from recon.stages import Exporter, Reader, role_of
@@ -58,13 +58,42 @@ def compare(sealed: api.Run, again: api.Run) -> bool:
     """Did a run give the same bytes? Raises Difference where a number, or what is told of it, is another one."""
     fault = unlike(sealed.recording, again.recording)
     if fault:
-        moved = farthest_in_sigmas(sealed.recording, again.recording)
-        told = "" if moved is None else f"; no metric moved by more than {moved:.1e} of its sigma"
-        raise Difference(f"run again, the result is another one: {fault}{told}")
+        raise _unlike(fault, kinships(sealed.recording, again.recording))
     fault = unlike_data(_comparable(sealed.manifest), _comparable(again.manifest), "")
     if fault:
         raise Difference(f"run again, its manifest is another one: {fault}")
     return bool(sealed.manifest["outputs"] == again.manifest["outputs"])
+
+
+def _unlike(fault: str, streams: Sequence[Kinship]) -> Difference:
+    """What the first difference is, and how alike each stream is; rounding is told as such."""
+    data = tuple(stream._asdict() for stream in streams)
+    told = "the result is another one"
+    if only_rounded(data):
+        farthest = max(stream.size or 0.0 for stream in streams)
+        told = f"every number is within {farthest:.1e} of its size of the sealed one, but not within 1e-9"
+    error = Difference(f"run again, {told}: {fault}\n{as_text(streams)}")
+    error.streams = data
+    return error
+
+
+def only_rounded(streams: Sequence[Mapping[str, object]]) -> bool:
+    """Do the streams of a Difference differ by no more than rounding makes of them?"""
+    return bool(streams) and all(stream["how"] != OTHER for stream in streams)
+
+
+def as_text(streams: Sequence[Kinship]) -> str:
+    """Streams by how they came out again, a line each kind or, where numbers moved, each stream."""
+    lines = []
+    for how, words in ((SAME_BYTES, "the same bytes"), (SAME_NUMBERS, "the same within 1e-9")):
+        alike = [stream.stream for stream in streams if stream.how == how]
+        lines += [f"{words}: {', '.join(alike)}"] if alike else []
+    for stream in streams:
+        if stream.how in (ROUNDED, OTHER):
+            size = "not the same rows or words" if stream.size is None else f"within {stream.size:.1e} of their size"
+            sigmas = "" if stream.sigmas is None else f", values within {stream.sigmas:.1e} of their sigma"
+            lines.append(f"{size}{sigmas}: {stream.stream}")
+    return "\n".join(f"  {line}" for line in lines)
 
 
 def _comparable(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from recon.errors import ConfigError, DataError, Difference
 from recon.evidence import archive, contents
 from recon.evidence.archive import Entry
 from recon.evidence.replay import sources_of
-from recon.evidence.verification import SAME_BYTES, verify
+from recon.evidence.sameness import SAME_BYTES
+from recon.evidence.verification import verify
 from recon.problems import Problem
 from recon.registry import Registry
 from recon.storage import staged_file

@@ -16,12 +16,13 @@ from recon import api
 from recon.errors import ConfigError, Difference, PluginError, ReadFailed, ReconError
 from recon.evidence import archive, contents, replay
 from recon.evidence.archive import Entry
+from recon.evidence.sameness import SAME_BYTES, SAME_NUMBERS
 from recon.problems import Problem
 from recon.registry import Registry
 
-SAME_BYTES: Final = "same bytes"
-SAME_NUMBERS: Final = "same numbers"
-
+_WHOLE: Final = "every byte of the file is as it was sealed"
+_ALIKE: Final = "code, packages and kind of processor are those of the seal, so it was changed after it was run"
+_SLIGHTLY: Final = f"{_ALIKE}, or another build of the numerical libraries rounds otherwise here"
 _SINGLE: Final = (contents.README, contents.SUMS, contents.MANIFEST, contents.PIPELINE, contents.VERSIONS)
 _FOLDERS: Final = (contents.INPUTS, contents.RESULTS, contents.EXPORTS)
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
@@ -216,14 +217,18 @@ def _unpack(entry: Entry, folder: Path, name: str) -> None:
 
 def _replayed(sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, notes: Sequence[str]) -> bool:
     """Does the run give the same bytes again? Raises Difference where it does not even give the same numbers."""
-    alike = "code, packages and kind of processor are those of the seal: it was changed after it was run"
-    why = f"perhaps since {'; '.join(notes)}" if notes else alike
     try:
         return replay.compare(sealed, replay.run_again(sealed.manifest, inputs, folder, registry))
     except Difference as error:
-        error.hint = error.hint or why
+        alike = _SLIGHTLY if replay.only_rounded(error.streams) else _ALIKE
+        error.hint = f"{_WHOLE}; {_since(notes) or alike}"
         raise
     except PluginError:
         raise
     except ReconError as error:
-        raise Difference(f"run again, it ends with an error: {error.message}", why) from error
+        text = f"run again, it ends with an error: {error.message}"
+        raise Difference(text, f"{_WHOLE}; {_since(notes) or _ALIKE}") from error
+
+
+def _since(notes: Sequence[str]) -> str:
+    return f"perhaps since {'; '.join(notes)}" if notes else ""

@@ -25,7 +25,7 @@ from recon import api, evidence
 from recon.cli import main
 from recon.errors import ConfigError, DataError, Difference, PluginNotFound, ReadFailed
 from recon.evidence import archive, contents
-from recon.evidence.sameness import farthest_in_sigmas, unlike, unlike_data, unlike_numbers
+from recon.evidence.sameness import kinships, unlike, unlike_data, unlike_numbers
 from recon.evidence.verification import check_bytes
 from recon.registry import Registry, Source
 
@@ -310,7 +310,7 @@ def test_a_result_that_does_not_follow_from_the_log_is_found_with_its_place(seal
     forged = forge(sealed, lambda files: files.update({IMU: edited_stream(files[IMU], tmp_path, faster)}))
     with pytest.raises(Difference, match=r"imu\.accel_x, row 204: ") as caught:
         evidence.verify(forged)
-    assert "are those of the seal: it was changed after it was run" in caught.value.hint
+    assert "are those of the seal, so it was changed after it was run" in caught.value.hint
 
 
 def test_a_manifest_whose_inputs_lead_elsewhere_is_found(sealed):
@@ -362,7 +362,7 @@ def test_other_versions_are_told_and_are_no_difference(sealed):
     assert "recon was 0.0.1" in found.notes[0]
     assert any(note.startswith("numpy was 1.26.0") for note in found.notes)
     assert any(note.startswith("the code of recon is another one") for note in found.notes)
-    assert "the kind of processor is another one, which rounds otherwise" in found.notes
+    assert any(note.startswith("the kind of processor was NEON, here it is") for note in found.notes)
 
 
 @settings(max_examples=60)
@@ -385,8 +385,36 @@ def test_a_difference_says_how_far_apart_and_what_it_means_in_sigmas():
     one = recon.Recording({"metrics": recon.metrics([recon.Metric("delta_v", 12.0, "km/h", 0.1)])})
     other = recon.Recording({"metrics": recon.metrics([recon.Metric("delta_v", 12.0 + 1e-7, "km/h", 0.1)])})
     assert unlike(one, other).startswith("metrics.value, row 1 (delta_v): 12.0, and now 12.0000001, 8.3e-09 of its")
-    assert farthest_in_sigmas(one, other) == pytest.approx(1e-6, rel=1e-3)
-    assert farthest_in_sigmas(one, recon.Recording({})) is None
+    (kinship,) = kinships(one, other)
+    assert kinship.how == "rounded otherwise"
+    assert kinship.sigmas == pytest.approx(1e-6, rel=1e-3)
+    assert kinships(one, recon.Recording({})) == [("metrics", "other", None, None)]
+
+
+def test_what_another_processor_rounds_otherwise_is_told_as_such_and_not_as_a_forgery(sealed, tmp_path, capsys):
+    """Beyond 1e-9 it is exit 7 all the same, with how alike each stream is."""
+
+    def rounded(table):
+        index = table.column_names.index("accel_x")
+        return table.set_column(index, table.schema.field(index), [table["accel_x"].to_numpy() * (1.0 + 1e-7)])
+
+    def elsewhere(files):
+        files[IMU] = edited_stream(files[IMU], tmp_path, rounded)
+        versions = json.loads(files["versions.json"])
+        files["versions.json"] = json.dumps({**versions, "processor": "NEON"}).encode()
+
+    forged = forge(sealed, elsewhere)
+    assert main(["verify", str(forged)]) == 7
+    told = capsys.readouterr().err
+    assert "every number is within 1.0e-07 of its size of the sealed one" in told
+    assert "the same bytes: gnss" in told
+    assert "within 1.0e-07 of their size: imu" in told
+    assert "the kind of processor was NEON" in told
+    assert "it was changed" not in told
+    assert main(["verify", str(forged), "--json"]) == 7
+    streams = {stream["stream"]: stream["how"] for stream in json.loads(capsys.readouterr().out)["streams"]}
+    assert streams["imu"] == "rounded otherwise"
+    assert streams["gnss"] == "same bytes"
 
 
 def test_the_first_list_that_is_unlike_is_named():
