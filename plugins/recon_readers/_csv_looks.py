@@ -85,9 +85,10 @@ class TimeLook:
 
 def look_at(sheet: Sheet) -> list[Look]:
     """Every column that holds something."""
-    cells = sheet.read((), range(sheet.width))
+    blocks = [cells.texts for cells in sheet.read((), range(sheet.width))]
     found = []
-    for index, texts in cells.texts.items():
+    for index in blocks[0]:
+        texts = pa.chunked_array([chunk for block in blocks for chunk in block[index].chunks])
         if texts.null_count < len(texts):
             title = sheet.names[index] if sheet.names else ""
             words, unit = _words(title)

@@ -105,7 +105,8 @@ def _sample(sheet: Sheet) -> Sheet:
     """The first megabytes; what they show suffices for a guess."""
     if sheet.end - sheet.start <= _SAMPLE_BYTES:
         return sheet
-    return replace(sheet, end=sheet.text.rfind(b"\n", sheet.start, sheet.start + _SAMPLE_BYTES))
+    begin = next(sheet.text.blocks(sheet.start, sheet.start + _SAMPLE_BYTES, quoted=sheet.text.quotes > 0))
+    return replace(sheet, end=sheet.start + len(begin))
 
 
 def _stream_lines(name: str, holders: Sequence[tuple[Path, Proposal]], *, several: bool) -> list[str]:

@@ -20,6 +20,7 @@ from recon.problems import did_you_mean
 from recon.tables import Array
 from recon_readers._csv_records import DELIMITERS, Record, raw_fields, records
 from recon_readers._delimited import BLANK, SPACE
+from recon_readers._text_blocks import Text
 
 _SHOWN: Final = 30
 _WITH_COMMA: Final = re.compile(rb"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
@@ -27,24 +28,29 @@ _NUMBER_RE2: Final = r"^[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|(?i:inf
 
 
 class Cells(NamedTuple):
-    """Columns of a sheet by index: (n,) doubles, NaN where blank; (n,) texts, null where blank."""
+    """Columns of a block of a sheet by index: (n,) doubles, NaN where blank; (n,) texts, null where blank.
+
+    first : number of its first row, from 0; share : what part of the sheet has come with this block
+    """
 
     numbers: Mapping[int, Array]
     texts: Mapping[int, pa.ChunkedArray]
+    first: int
+    share: float
 
 
 @dataclass(frozen=True)
 class Sheet:
     """A text whose form is known.
 
-    text : UTF-8 with line ends \\n; start, end : offsets of the first row and behind the last whole one
+    start, end : offsets of the first row and behind the last whole one
     names : words of the header, none where there is no header; header_line : its line number, 0 for none
     above : how many lines above the first row are neither header nor comments
     cut_line : number of the last line if it was cut off and is left out
     """
 
     path: Path
-    text: bytes
+    text: Text
     encoding: str
     delimiter: str
     decimal: str
@@ -86,35 +92,41 @@ class Sheet:
         shown = ", ".join(self.names[:20]) + ", ..." * (len(self.names) > 20)
         return f"there is no column '{column}'; {did_you_mean(column, self.names) or f'its columns are {shown}'}"
 
-    def read(self, numbers: Iterable[int], texts: Iterable[int]) -> Cells:
-        """Columns by index, some as numbers, some as texts, or as both.
+    def read(self, numbers: Iterable[int], texts: Iterable[int]) -> Iterator[Cells]:
+        """Columns by index, some as numbers, some as texts, or as both, block by block.
 
         Raises ReadFailed with line and column for a row of another width and for text where a number belongs.
         """
         wanted, as_text = sorted(set(numbers)), sorted(set(texts))
-        raw = pa.py_buffer(self.text).slice(self.start, self.end - self.start)
         kinds = {**dict.fromkeys(wanted, pa.float64()), **dict.fromkeys(as_text, pa.string())}
-        try:
-            found = self._columns(raw, kinds)
-        except pa.ArrowInvalid:
-            found = self._texts(list(kinds))
-        return Cells(
-            {index: self._as_numbers(index, found[index]) for index in wanted},
-            {index: trimmed(found[index]) for index in as_text},
-        )
+        first, done = 0, self.start
+        for block in self.text.blocks(self.start, self.end, quoted=self.text.quotes > 0):
+            done += len(block)
+            try:
+                found = self._columns(block, kinds)
+            except pa.ArrowInvalid:
+                found = self._texts(block, list(kinds))
+            yield Cells(
+                {index: self._as_numbers(index, found[index], first) for index in wanted},
+                {index: trimmed(found[index]) for index in as_text},
+                first,
+                done / self.end,
+            )
+            first += len(next(iter(found.values())))
 
-    def _texts(self, indices: Sequence[int]) -> dict[int, pa.ChunkedArray]:
-        tidied = pa.py_buffer(_tidied(self.text[self.start : self.end], self.delimiter, self.comment))
+    def _texts(self, block: bytes, indices: Sequence[int]) -> dict[int, pa.ChunkedArray]:
         try:
-            return self._columns(tidied, dict.fromkeys(indices, pa.string()))
+            return self._columns(_tidied(block, self.delimiter, self.comment), dict.fromkeys(indices, pa.string()))
         except pa.ArrowInvalid as error:
             raise self._first_fault(str(error)) from error
 
-    def _columns(self, rows: pa.Buffer, kinds: dict[int, pa.DataType]) -> dict[int, pa.ChunkedArray]:
+    def _columns(self, rows: bytes, kinds: dict[int, pa.DataType]) -> dict[int, pa.ChunkedArray]:
         from pyarrow import csv as arrow_csv
 
+        if not rows.strip(b" \n"):
+            return {index: pa.chunked_array([pa.array([], kind)]) for index, kind in kinds.items()}
         names = [str(index) for index in range(self.width)]
-        quoted = b'"' in self.text
+        quoted = self.text.quotes > 0
         table = arrow_csv.read_csv(
             pa.BufferReader(rows),
             read_options=arrow_csv.ReadOptions(column_names=names),
@@ -133,8 +145,11 @@ class Sheet:
         )
         return {index: table[str(index)] for index in kinds}
 
-    def _as_numbers(self, index: int, values: pa.ChunkedArray) -> Array:
-        """A column as (n,) doubles, NaN where blank. Raises ReadFailed at the first text that is no number."""
+    def _as_numbers(self, index: int, values: pa.ChunkedArray, first: int) -> Array:
+        """A column as (n,) doubles, NaN where blank. Raises ReadFailed at the first text that is no number.
+
+        first : number of its first row
+        """
         if values.type == pa.string():
             from pyarrow import compute
 
@@ -143,7 +158,7 @@ class Sheet:
                 texts = compute.replace_substring(texts, ",", ".")
             row = compute.index(compute.match_substring_regex(texts, _NUMBER_RE2), False).as_py()
             if row >= 0:
-                raise self.no(row, index, values[row].as_py(), "number")
+                raise self.no(first + row, index, values[row].as_py(), "number")
             values = texts.cast(pa.float64())
         return np.asarray(values.to_numpy(), dtype=np.float64)
 
@@ -175,9 +190,11 @@ class Sheet:
         return record[0] + before.count(b"\n"), len(before) - (before.rfind(b"\n") + 1) + 1
 
     def _rows(self) -> Iterator[Record]:
-        body = self.text[self.start : self.end]
-        for number, offset, text in records(body, self.comment):
-            yield number + self.first_line - 1, offset, text
+        first = self.first_line
+        for block in self.text.blocks(self.start, self.end, quoted=self.text.quotes > 0):
+            for number, offset, text in records(block, self.comment):
+                yield number + first - 1, offset, text
+            first += block.count(b"\n")
 
     def _first_fault(self, reason: str) -> ReadFailed:
         """Look for the record that the columnar reader did not take."""

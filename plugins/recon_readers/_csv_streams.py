@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, Final
@@ -17,7 +17,8 @@ from recon.rows import Metric, warning
 from recon.schema import STREAMS, Column, spread
 from recon.tables import Array, build, with_meta
 from recon.units import convert
-from recon_readers._csv_mapping import Accel, Gnss, Stream, Vector
+from recon_readers._columns import at_rows, kept
+from recon_readers._csv_mapping import Accel, Gnss, Source, Stream, Valid, Vector
 from recon_readers._csv_sheet import Cells, Sheet
 from recon_readers._csv_time import Clock
 from recon_readers._fresh_rows import Seen, gnss_rows, imu_rows, see
@@ -26,6 +27,8 @@ from recon_readers._time_order import Mask, in_order, repeating
 NS: Final = 1_000_000_000
 MOST_FAULTY: Final = 0.01
 """Share of rows from which on a fault of the log is no longer a slip."""
+_ENOUGH: Final = 100_000
+"""Rows from which a median is told."""
 STANDING: Final = 1.0 / 3.6
 """m/s; receivers at rest report up to this."""
 USUAL_SIZE: Final = (0.5, 2.0)
@@ -81,17 +84,17 @@ def locate(sheet: Sheet, mapping: Stream) -> Part | None:
     return Part(mapping, {group: tuple(i for i in indices if i is not None) for group, indices in found.items()})
 
 
-def values_of(sheet: Sheet, part: Part, cells: Cells) -> dict[str, Array]:
-    """Each group as (n, k) in the stream's unit, NaN where there is no value. Raises ReadFailed at impossible ones."""
+def values_of(sheet: Sheet, part: Part, take: Callable[[int], Array]) -> dict[str, Array]:
+    """Each group as (n, k) in the stream's unit, NaN where there is no value. Raises ReadFailed at impossible ones.
+
+    take : gives the numbers of a column by its index, (n,)
+    """
     found = {}
     for group, indices in part.columns.items():
         source = part.mapping.sources[group]
-        raw = np.column_stack([cells.numbers[index] for index in indices])
-        for number in source.invalid:
-            raw[raw == number] = np.nan
         wanted = STREAMS[part.mapping.stream].columns_of(group)[0]
-        with np.errstate(over="ignore"):
-            values = convert(raw * source.scale, source.unit or wanted.unit or "1", wanted.unit or "1")
+        columns = [_in_unit(take(index), source, wanted) for index in indices]
+        values = np.array(columns).T  # each column in one piece, as the table will have it
         _check_limits(sheet, group, indices, values, wanted)
         found[group] = values
     if "lat" in found and "lon" in found:
@@ -99,6 +102,13 @@ def values_of(sheet: Sheet, part: Part, cells: Cells) -> dict[str, Array]:
         for name in {"lat", "lon", "height"} & found.keys():
             found[name] = np.where(no_fix, np.nan, found[name])
     return found
+
+
+def _in_unit(values: Array, source: Source, wanted: Column) -> Array:
+    for number in source.invalid:
+        values = np.where(values == number, np.nan, values)
+    with np.errstate(over="ignore"):
+        return convert(values * source.scale, source.unit or wanted.unit or "1", wanted.unit or "1")
 
 
 def _check_limits(sheet: Sheet, group: str, indices: tuple[int, ...], values: Array, wanted: Column) -> None:
@@ -130,14 +140,20 @@ class Fresh:
 
 
 def fresh_rows(
-    sheet: Sheet, part: Part, clock: Clock, values: Mapping[str, Array], cells: Cells, others: Others
+    sheet: Sheet, part: Part, clock: Clock, values: Mapping[str, Array], valid: Mask | None, others: Others
 ) -> Fresh:
     """Rows that bring a measurement.
+
+    valid : (n,) bool, rows that the mapping calls valid, None where it does not tell
 
     Raises ReadFailed where the time of too many rows is missing, repeats or runs backwards.
     """
     mapping = part.mapping
-    counted, notes = _counted(sheet, mapping, cells)
+    counted = np.ones(len(clock.t_ns), dtype=bool) if valid is None else valid
+    notes = []
+    if mapping.valid is not None:
+        index = sheet.find(mapping.valid.column)
+        notes.append((int((~counted).sum()), f"not valid by {sheet.title(index or 0)}"))
     late = ~in_order(clock.t_ns, clock.missing)
     seen = {group: _seen(array, counted & ~late) for group, array in values.items()}
     rows, how = _chosen(part.mapping, clock, seen, values, others)
@@ -169,17 +185,14 @@ def fresh_rows(
     return Fresh(rows, tuple(learnt))
 
 
-def _counted(sheet: Sheet, mapping: Stream, cells: Cells) -> tuple[Mask, list[tuple[int, str]]]:
-    """Rows that the mapping calls valid, (n,) bool, and how many are not."""
-    if mapping.valid is None:
-        return np.ones(len(next(iter(cells.texts.values()))), dtype=bool), []
-    index = sheet.find(mapping.valid.column)
+def valid_rows(sheet: Sheet, valid: Valid, cells: Cells) -> Mask:
+    """Rows of a block that the mapping calls valid: (n,) bool."""
+    index = sheet.find(valid.column)
     assert index is not None
     coded = pa.array(cells.texts[index].combine_chunks()).dictionary_encode()
-    good = [_is_one_of(text, mapping.valid.values) for text in coded.dictionary.to_pylist()]
+    good = [_is_one_of(text, valid.values) for text in coded.dictionary.to_pylist()]
     codes = np.asarray(coded.indices.fill_null(len(good)))
-    rows = np.array([*good, False])[codes]
-    return rows, [(int((~rows).sum()), f"not valid by {sheet.title(index)}")]
+    return np.asarray(np.array([*good, False])[codes])
 
 
 def _is_one_of(text: str | None, values: tuple[int | float | str, ...]) -> bool:
@@ -197,7 +210,8 @@ def _known(values: Array) -> Mask:
 
 def _seen(values: Array, usable: Mask) -> Seen:
     """What a group shows, its other rows taken for blank."""
-    return see([np.where(usable, values[:, axis], np.nan) for axis in range(values.shape[1])])
+    columns = [values[:, axis] for axis in range(values.shape[1])]
+    return see(columns if usable.all() else [np.where(usable, column, np.nan) for column in columns])
 
 
 def together(values: Mapping[str, Array]) -> Seen:
@@ -250,22 +264,27 @@ def _refuse_many(sheet: Sheet, part: Part, faults: Mask, n: int) -> None:
         raise sheet.refused(row, index, f"{part.mapping.stream}: {what}", hint)
 
 
-def make(part: Part, clock: Clock, values: Mapping[str, Array], rows: Mapping[str, Mask]) -> pa.Table | None:
-    """The stream. Rows of one time that update different sensors become one; null where a sensor said nothing."""
+def make(part: Part, clock: Clock, values: dict[str, Array], rows: Mapping[str, Mask]) -> pa.Table | None:
+    """The stream. Rows of one time that update different sensors become one; null where a sensor said nothing.
+
+    values : by group, emptied as they become columns, so that both are not there at once
+    """
     some = np.logical_or.reduce(list(rows.values()))
     if not some.any():
         return None
-    t_ns = clock.t_ns[some]
+    t_ns = kept(clock.t_ns, some)
     begins = np.diff(t_ns, prepend=t_ns[0] - 1) > 0
-    slot = np.cumsum(begins) - 1
-    groups: dict[str, Any] = {}
+    slot = np.cumsum(begins, dtype=np.int32) - 1
+    count = int(slot[-1]) + 1
+    schema = STREAMS[part.mapping.stream]
+    columns: dict[str, Any] = {}
     for group, mask in rows.items():
-        array = np.full((int(slot[-1]) + 1, values[group].shape[1]), np.nan)
-        array[slot[mask[some]]] = _turned(part.mapping, group, values[group][mask])
-        schema = STREAMS[part.mapping.stream]
-        column = schema[spread(group, schema.names)[0]]
-        groups[group] = array if array.shape[1] > 1 else _typed(array[:, 0], column)
-    table = build(STREAMS[part.mapping.stream].only(*groups), time=t_ns[begins], **groups)
+        own, at = values.pop(group), slot[mask[some]]
+        index, signs = _axes(part.mapping, group, own.shape[1])
+        for name, axis, sign in zip(spread(group, schema.names), index, signs, strict=True):
+            column = at_rows(kept(own[:, axis], mask), at, count)
+            columns[name] = _typed(column if sign > 0.0 else -column, schema[name])
+    table = build(schema.only(*rows), time=kept(t_ns, begins), **columns)
     return with_meta(table, clock="absolute" if clock.absolute else "relative", **_facts(part))
 
 
@@ -275,17 +294,20 @@ def _typed(values: Array, column: Column) -> Any:
     return values if column.type == pa.float64() else pa.array(values, from_pandas=True).cast(column.type, safe=False)
 
 
-def _turned(mapping: Stream, group: str, values: Array) -> Array:
-    """Components along forward, left, up, or east, north, up; specific force points up at rest."""
+def _axes(mapping: Stream, group: str, width: int) -> tuple[Sequence[int], Sequence[float]]:
+    """Which column is which component along forward, left, up, or east, north, up, and its sign.
+
+    Specific force points up at rest.
+    """
     source = mapping.sources[group]
     if not isinstance(source, Vector):
-        return values
-    sign = -1.0 if isinstance(source, Accel) and source.at_rest == "down" else 1.0
+        return range(width), [1.0] * width
+    down = -1.0 if isinstance(source, Accel) and source.at_rest == "down" else 1.0
     axes = mapping.axes_of(group)
     if not axes:
-        return sign * values
+        return range(width), [down] * width
     index, signs = turn(axes)
-    return values[:, index] * (sign * np.asarray(signs if not group.endswith("std") else (1.0, 1.0, 1.0)))
+    return index, [1.0] * width if group.endswith("std") else [down * sign for sign in signs]
 
 
 def _facts(part: Part) -> dict[str, str]:
@@ -310,16 +332,22 @@ def assumptions(sheet: Sheet, part: Part, values: Mapping[str, Array]) -> list[M
             parts.append(f"axes {axes}" if axes else "axes as logged, taken for right-handed")
         if isinstance(source, Accel):
             parts.append(f"at rest {source.at_rest}")
-            found += _doubts(part.mapping, source, values[group])
+            found += _doubts(part.mapping, source, _some(values[group]))
         found.append(Metric(f"column_{group}", method=part.mapping.stream, note=", ".join(parts)))
     if "gyro" in values:
-        rates = np.abs(values["gyro"][~np.isnan(values["gyro"])])
+        rates = np.abs(_some(values["gyro"]))
+        rates = rates[~np.isnan(rates)]
         if len(rates) and np.percentile(rates, 99) > FASTEST_TURN:
             text = f"a hundredth of the rates exceed {FASTEST_TURN:g} rad/s: is the gyroscope's unit deg/s?"
             found.append(warning(text))
     facts = _facts(part)
     found += [Metric(f"assumed_{key}", note=facts[key]) for key in ("height_datum", "heading_kind") if key in facts]
     return found
+
+
+def _some(values: Array) -> Array:
+    """Rows enough for a median."""
+    return values[:: max(len(values) // _ENOUGH, 1)]
 
 
 def _doubts(mapping: Stream, source: Accel, values: Array) -> list[Metric]:
@@ -332,7 +360,8 @@ def _doubts(mapping: Stream, source: Accel, values: Array) -> list[Metric]:
         text = f"the median acceleration is {np.median(size):.4g} g where a vehicle feels about 1 g"
         found.append(warning(f"{text}: check the unit of accel, or map 'at_rest: zero' if gravity is removed"))
     axes = mapping.axes_of("accel")
-    up = np.nanmedian(_turned(mapping, "accel", values)[:, 2]) / STANDARD_GRAVITY
+    index, signs = _axes(mapping, "accel", values.shape[1])
+    up = signs[2] * np.nanmedian(values[:, index[2]]) / STANDARD_GRAVITY
     if axes and up < -USUAL_SIZE[0]:
         other = "up" if source.at_rest == "down" else "down"
         text = f"accelerations point down ({up:.2f} g) where a still accelerometer feels gravity's reaction upwards"

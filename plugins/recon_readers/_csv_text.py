@@ -14,7 +14,8 @@ from typing import Final
 from recon.errors import ReadFailed
 from recon_readers._csv_records import DELIMITERS, NUMBER, Record, fields, is_row, raw_fields, records, width_of
 from recon_readers._csv_sheet import Sheet
-from recon_readers._delimited import HEAD_BYTES, contents, not_text, plain
+from recon_readers._delimited import HEAD_BYTES, not_text
+from recon_readers._text_blocks import Text, check_regular, unreadable
 
 MOST_COLUMNS: Final = 4096
 _LOOK_AT: Final = 200
@@ -44,10 +45,12 @@ def open_sheet(path: Path, form: Form) -> Sheet:
     return survey(path, text, form, encoding)
 
 
-def survey(path: Path, text: bytes, form: Form, encoding: str = "UTF-8") -> Sheet:
+def survey(path: Path, text: Text, form: Form, encoding: str = "UTF-8") -> Sheet:
     """As `open_sheet`, of a text in UTF-8 with line ends \\n."""
     comment = form.comment.encode()
-    head = text if len(text) <= HEAD_BYTES else text[: max(text.rfind(b"\n", 0, HEAD_BYTES), 0) or HEAD_BYTES]
+    head = text.head
+    if text.size > HEAD_BYTES:
+        head = head[: max(head.rfind(b"\n", 0, HEAD_BYTES), 0) or HEAD_BYTES]
     top = list(islice(records(head, b""), _LOOK_AT))
     rows = [record for record in top if not (comment and record[2].lstrip().startswith(comment))]
     if form.header:
@@ -59,7 +62,7 @@ def survey(path: Path, text: bytes, form: Form, encoding: str = "UTF-8") -> Shee
     if first is None:
         raise ReadFailed(path, "it has no whole row that holds a number", hint="check that the log is complete")
     names = tuple(_words(header[2].lstrip().removeprefix(comment), delimiter, width)) if header else ()
-    end, cut_line = _whole_end(path, text, first, delimiter, width)
+    end, cut_line = _whole_end(text, first, delimiter, width)
     if end <= first[1]:
         raise ReadFailed(path, "its only row is cut off", line=first[0], hint=_CUT_HINT)
     decimal = form.decimal if form.decimal != "auto" else _decimal(rows, delimiter)
@@ -70,31 +73,35 @@ def survey(path: Path, text: bytes, form: Form, encoding: str = "UTF-8") -> Shee
     )  # fmt: skip
 
 
-def _load(path: Path, encoding: str) -> tuple[bytes, str]:
+def _load(path: Path, encoding: str) -> tuple[Text, str]:
     """The text as UTF-8 with line ends \\n, and how it was encoded. Raises ReadFailed."""
-    raw = contents(path)
-    if not raw.strip():
+    names = [encoding] if encoding != "auto" else _encodings(path)
+    for name in names:
+        try:
+            text = Text.open(path, name)
+            break
+        except (UnicodeError, LookupError) as error:
+            if name == names[-1]:
+                reason = "there is no such encoding" if isinstance(error, LookupError) else "the file is not"
+                what = f"it cannot be read as {name}: {reason}"
+                raise ReadFailed(path, what, hint="set reader.csv's encoding") from error
+    if not text.head.strip():
         raise ReadFailed(path, "the file is empty", hint=_CUT_HINT)
-    name = encoding if encoding != "auto" else _encoding(raw)
-    try:
-        text = raw if name == "UTF-8" else raw.decode(name).encode()
-    except (UnicodeError, LookupError) as error:
-        reason = "there is no such encoding" if isinstance(error, LookupError) else "the file is not"
-        raise ReadFailed(path, f"it cannot be read as {name}: {reason}", hint="set reader.csv's encoding") from error
-    fault = not_text(text[:HEAD_BYTES])
+    fault = not_text(text.head[:HEAD_BYTES])
     if fault:
         raise ReadFailed(path, fault[0], hint=fault[1])
-    return plain(text), name
+    return text, name
 
 
-def _encoding(raw: bytes) -> str:
-    if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return "UTF-16"
+def _encodings(path: Path) -> list[str]:
+    """Encodings that a file may have, the likeliest first; the last one takes any bytes, or its mark tells it."""
+    check_regular(path)
     try:
-        raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return "ISO-8859-1"
-    return "UTF-8"
+        with path.open("rb") as file:
+            mark = file.read(2)
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from error
+    return ["UTF-16"] if mark in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ["UTF-8", "ISO-8859-1"]
 
 
 def _words(header: bytes, delimiter: str, width: int) -> list[str]:
@@ -146,27 +153,30 @@ def _decimal(rows: Sequence[Record], delimiter: str) -> str:
     return "comma" if commas > sum(bool(_WITH_POINT.fullmatch(part)) for part in parts) else "point"
 
 
-def _whole_end(path: Path, text: bytes, first: Record, delimiter: str, width: int) -> tuple[int, int | None]:
+def _whole_end(text: Text, first: Record, delimiter: str, width: int) -> tuple[int, int | None]:
     """Offset behind the last whole row, and the number of the line that was cut off behind it.
 
     A last row is cut if fields are missing or a quote is not closed, or if no line end follows and its last number has
     fewer decimals than the one above: the rest of it may be lost. Raises ReadFailed where whole rows follow the quote.
     """
-    start, first_line = first[1], first[0]
-    end = len(text.rstrip(b"\n\0 "))
-    if text.count(b'"', start, end) % 2:
-        begin = max(text.rfind(b"\n", start, text.rfind(b'"', start, end)) + 1, start)
-        line = first_line + text.count(b"\n", start, begin)
-        if any(is_row(row, delimiter, width) for row in text[begin:end].split(b"\n")[1:]):
+    tail, start = text.tail, max(first[1] - text.tail_at, 0)
+    end = len(tail.rstrip(b"\n\0 "))
+    if (text.quotes - text.head.count(b'"', 0, first[1]) - tail.count(b'"', end)) % 2:
+        opened = tail.rfind(b'"', start, end)
+        begin = max(tail.rfind(b"\n", start, opened) + 1, start)
+        line = text.line_at(text.tail_at + begin) if opened >= 0 else text.line_of_last(b'"')
+        if opened < 0 or any(is_row(row, delimiter, width) for row in tail[begin:end].split(b"\n")[1:]):
             what = "a quote is opened in this line and never closed"
-            raise ReadFailed(path, what, line=line, hint="repair the line or delete it")
-        return begin, line
-    begin, above, last = _last_two(text, start, end)
+            raise ReadFailed(text.path, what, line=line, hint="repair the line or delete it")
+        return text.tail_at + begin, line
+    begin, above, last = _last_two(tail, start, end)
     parts = fields(last, delimiter)
     whole = len(raw_fields(last, delimiter)) >= width
-    if whole and text[end : end + 1] != b"\n" and above:
+    if whole and tail[end : end + 1] != b"\n" and above:
         whole = _decimals(parts[-1]) >= _decimals(fields(above, delimiter)[-1])
-    return (end, None) if whole else (begin, first_line + text.count(b"\n", start, begin))
+    if whole:
+        return text.tail_at + end, None
+    return text.tail_at + begin, text.line_at(text.tail_at + begin)
 
 
 def _last_two(text: bytes, start: int, end: int) -> tuple[int, bytes, bytes]:

@@ -8,7 +8,6 @@ References: IS-GPS-200, 20.3.3.5.2.4 (UTC from GPS time, epoch 1980-01-06); IERS
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import ROUND_DOWN, Context, Decimal, InvalidOperation
 from typing import Final
@@ -19,7 +18,7 @@ import pyarrow as pa
 from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, leap_seconds
 from recon.rows import Metric, warning
 from recon_readers._csv_mapping import Time
-from recon_readers._csv_sheet import Sheet, trimmed
+from recon_readers._csv_sheet import Cells, Sheet
 from recon_readers._delimited import TIME_TYPE, whole_ns
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import CLOCK, ISO_DATE, ZONE, match, moment, time_of_day
@@ -54,30 +53,42 @@ class Clock:
     learnt: tuple[Metric, ...]
 
 
-def read_clock(sheet: Sheet, time: Time, columns: Mapping[int, pa.ChunkedArray]) -> Clock:
-    """The times of a stream. `columns` : texts by index. Raises ReadFailed at what is no time."""
+def read_times(sheet: Sheet, time: Time, cells: Cells) -> tuple[Times, Mask]:
+    """The times of a block of rows: (n,) ns as they stand, (n,) bool, true where missing.
+
+    Raises ReadFailed at what is no time.
+    """
     indices = [index for index in map(sheet.find, time.references) if index is not None]
     if time.format in _DATES:
-        t_ns, missing = _of_texts(sheet, time, indices, columns)
+        t_ns, missing = _of_texts(sheet, time, indices, cells)
     elif time.format == "time_of_day":
-        t_ns, missing = _of_day(sheet, indices[0], columns[indices[0]])
+        t_ns, missing = _of_day(sheet, indices[0], cells)
     elif time.format == "gps_week":
-        weeks, no_week = _of_numbers(sheet, indices[0], columns[indices[0]], "ns")
-        seconds, no_second = _of_numbers(sheet, indices[1], columns[indices[1]], time.unit)
-        _refuse_beyond(sheet, indices[0], weeks, _LARGEST_NS // WEEK_NS)
+        weeks, no_week = _of_numbers(sheet, indices[0], cells, "ns")
+        seconds, no_second = _of_numbers(sheet, indices[1], cells, time.unit)
+        _refuse_beyond(sheet, indices[0], cells, weeks, _LARGEST_NS // WEEK_NS)
         t_ns, missing = GPS_EPOCH_NS + weeks * WEEK_NS + seconds, no_week | no_second
     else:
-        t_ns, missing = _of_numbers(sheet, indices[0], columns[indices[0]], time.unit)
-    _refuse_beyond(sheet, indices[0], t_ns, _LARGEST_NS)
+        t_ns, missing = _of_numbers(sheet, indices[0], cells, time.unit)
+    _refuse_beyond(sheet, indices[0], cells, t_ns, _LARGEST_NS)
+    return t_ns, missing
+
+
+def clock_of(time: Time, t_ns: Times, missing: Mask) -> Clock:
+    """The clock of a stream from all its times as they stand, (n,) ns, and where these are missing, (n,) bool."""
+    if time.format == "time_of_day":
+        t_ns = t_ns + _days_begun(t_ns, missing)
     absolute = time.format not in ("relative", "time_of_day") or bool(time.start)
-    t_ns = t_ns + time.start_ns
     learnt = [Metric("assumed_time", note=_about(time))]
+    later_ns = time.start_ns
     if time.scale == "GPS" or time.format == "gps_week":
-        first = int(t_ns[np.argmin(missing)]) if len(t_ns) else 0
+        first = int(t_ns[np.argmin(missing)]) + later_ns if len(t_ns) else 0
         leaps = leap_seconds(first) if absolute else 0
-        t_ns = t_ns - leaps * NS
+        later_ns -= leaps * NS
         learnt.append(Metric("leap_seconds", float(leaps), "s", note="taken off the GPS time scale"))
-    return Clock(t_ns, missing, absolute, (*learnt, *_doubts(t_ns[~missing], absolute)))
+    t_ns = t_ns + later_ns if later_ns else t_ns
+    known = t_ns[~missing] if missing.any() else t_ns
+    return Clock(t_ns, missing, absolute, (*learnt, *_doubts(known, absolute)))
 
 
 def _about(time: Time) -> str:
@@ -94,20 +105,20 @@ def _doubts(t_ns: Times, absolute: bool) -> list[Metric]:
     return [warning(f"times from {first} on lie outside 1980 to 2100: check format and unit of the time")]
 
 
-def _refuse_beyond(sheet: Sheet, index: int, values: Times, limit: int) -> None:
+def _refuse_beyond(sheet: Sheet, index: int, cells: Cells, values: Times, limit: int) -> None:
     beyond = np.abs(values) > limit
     if beyond.any():
         what = f"{sheet.title(index)} is beyond any clock"
         hint = "check format and unit of the time, or repair the line"
-        raise sheet.refused(int(beyond.argmax()), index, what, hint)
+        raise sheet.refused(cells.first + int(beyond.argmax()), index, what, hint)
 
 
 # --- numbers --------------------------------------------------------------------------------------------------------
 
 
-def _of_numbers(sheet: Sheet, index: int, texts: pa.ChunkedArray, unit: str) -> tuple[Times, Mask]:
+def _of_numbers(sheet: Sheet, index: int, cells: Cells, unit: str) -> tuple[Times, Mask]:
     """Decimal texts of a unit as ns, (n,), 0 where missing; (n,) bool, true where missing."""
-    plain = trimmed(texts)
+    plain = cells.texts[index]
     if sheet.decimal == "comma":
         from pyarrow import compute
 
@@ -115,16 +126,16 @@ def _of_numbers(sheet: Sheet, index: int, texts: pa.ChunkedArray, unit: str) -> 
     try:
         decimals = plain.cast(TIME_TYPE)
     except pa.ArrowInvalid:
-        decimals = _one_by_one(sheet, index, plain)
+        decimals = _one_by_one(sheet, index, cells.first, plain)
     t_ns, missing = whole_ns(decimals, DIGITS[unit])
-    _refuse_beyond(sheet, index, t_ns, _LARGEST_NS)
+    _refuse_beyond(sheet, index, cells, t_ns, _LARGEST_NS)
     return t_ns, missing
 
 
-def _one_by_one(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> pa.ChunkedArray:
+def _one_by_one(sheet: Sheet, index: int, first: int, texts: pa.ChunkedArray) -> pa.ChunkedArray:
     """What has more digits than a decimal of Arrow holds, cut; raises ReadFailed at what is no number."""
     found: list[Decimal | None] = []
-    for row, text in enumerate(texts.to_pylist()):
+    for row, text in enumerate(texts.to_pylist(), first):
         try:
             value = None if text is None else Decimal(text)
             if value is not None and abs(value) >= Decimal(10**19):
@@ -138,27 +149,27 @@ def _one_by_one(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> pa.ChunkedA
 # --- texts ----------------------------------------------------------------------------------------------------------
 
 
-def _of_texts(
-    sheet: Sheet, time: Time, indices: list[int], columns: Mapping[int, pa.ChunkedArray]
-) -> tuple[Times, Mask]:
+def _of_texts(sheet: Sheet, time: Time, indices: list[int], cells: Cells) -> tuple[Times, Mask]:
     from pyarrow import compute
 
-    parts = [trimmed(columns[index]) for index in indices]
+    parts = [cells.texts[index] for index in indices]
     texts = parts[0] if len(parts) == 1 else compute.binary_join_element_wise(*parts, " ")
     found = match(texts, rf"^{_DATES[time.format]}[T ]\s*{CLOCK}{ZONE}$")
     t_ns, good = moment(found, time.zone_ns)
-    return _complete(sheet, indices[-1], texts, t_ns, good, _EXAMPLES[time.format])
+    return _complete(sheet, indices[-1], cells.first, texts, t_ns, good, _EXAMPLES[time.format])
 
 
-def _of_day(sheet: Sheet, index: int, texts: pa.ChunkedArray) -> tuple[Times, Mask]:
-    """Times of day; where they fall by more than half a day, the next day has begun."""
-    plain = trimmed(texts)
-    clock, good = time_of_day(match(plain, rf"^{CLOCK}$"))
-    t_ns, missing = _complete(sheet, index, plain, clock, good, _EXAMPLES["time_of_day"])
+def _of_day(sheet: Sheet, index: int, cells: Cells) -> tuple[Times, Mask]:
+    clock, good = time_of_day(match(cells.texts[index], rf"^{CLOCK}$"))
+    return _complete(sheet, index, cells.first, cells.texts[index], clock, good, _EXAMPLES["time_of_day"])
+
+
+def _days_begun(clock_ns: Times, missing: Mask) -> Times:
+    """Where times of day fall by more than half a day, the next day has begun: (n,) ns."""
     rows = np.flatnonzero(~missing)
-    days = np.zeros(len(t_ns), dtype=np.int64)
-    days[rows[1:]] = np.cumsum(np.diff(t_ns[rows]) < -DAY_NS // 2)
-    return t_ns + days * DAY_NS, missing
+    days = np.zeros(len(clock_ns), dtype=np.int64)
+    days[rows[1:]] = np.cumsum(np.diff(clock_ns[rows]) < -DAY_NS // 2)
+    return days * DAY_NS
 
 
 _EXAMPLES: Final = {
@@ -170,11 +181,13 @@ _EXAMPLES: Final = {
 
 
 def _complete(
-    sheet: Sheet, index: int, texts: pa.ChunkedArray, t_ns: Times, good: Mask, example: str
+    sheet: Sheet, index: int, first: int, texts: pa.ChunkedArray, t_ns: Times, good: Mask, example: str
 ) -> tuple[Times, Mask]:
     missing = np.asarray(texts.is_null())
     wrong = ~good & ~missing
     if wrong.any():
         row = int(wrong.argmax())
-        raise sheet.no(row, index, texts[row].as_py(), example, "check the format of the time, or repair the line")
+        raise sheet.no(
+            first + row, index, texts[row].as_py(), example, "check the format of the time, or repair the line"
+        )
     return np.where(missing, 0, t_ns), missing

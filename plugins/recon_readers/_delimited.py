@@ -24,6 +24,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
+from recon_readers._text_blocks import Text, check_regular, unreadable
 
 TAB: Final = b"\t"
 SPACE: Final = b" "
@@ -45,36 +46,26 @@ TIME_TYPE: Final = pa.decimal128(38, 18)
 _LARGEST_NS: Final = Decimal(9 * 10**18)
 
 
-def load(path: Path) -> bytes:
+def load(path: Path) -> Text:
     """The whole file with line ends \\n and without a byte order mark.
 
     Raises ReadFailed for what is no regular file, cannot be read, is empty, or is not one-byte text.
     """
-    text = contents(path)
-    fault = not_text(text[:HEAD_BYTES])
+    text = Text.open(path)
+    fault = not_text(text.head[:HEAD_BYTES])
     if fault:
         what, hint = fault
         raise ReadFailed(path, what, hint=hint)
-    return plain(text)
-
-
-def plain(text: bytes) -> bytes:
-    """The text with line ends \\n and without a byte order mark."""
-    text = text.removeprefix(b"\xef\xbb\xbf")
-    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+    return text
 
 
 def contents(path: Path) -> bytes:
     """The whole file as it is. Raises ReadFailed for what is no regular file or cannot be read."""
+    check_regular(path)
     try:
-        if path.is_dir():
-            raise ReadFailed(path, "this is a folder, not a file", hint="name the files inside it")
-        if path.exists() and not path.is_file():
-            raise ReadFailed(path, "this is not a regular file", hint="copy the log into a file first")
         return path.read_bytes()
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ReadFailed(path, f"it cannot be read: {reason}", hint="check the name and the permissions") from error
+        raise unreadable(path, error) from error
 
 
 def not_text(head: bytes) -> tuple[str, str] | None:
@@ -101,7 +92,7 @@ class Survey:
     """
 
     path: Path
-    text: bytes
+    text: Text
     header: tuple[str, ...]
     start: int
     end: int
@@ -113,9 +104,12 @@ class Survey:
     def rows(self) -> Iterator[tuple[int, bytes]]:
         """Line number and line of every row."""
         nothing = b" " if self.separator == TAB else None
-        for number, line in enumerate(self.text[self.start : self.end].split(b"\n"), self.first_line):
-            if line.strip(nothing) and not line.lstrip().startswith(b"#"):
-                yield number, line
+        first = self.first_line
+        for block in self.text.blocks(self.start, self.end):
+            for number, line in enumerate(block.split(b"\n"), first):
+                if line.strip(nothing) and not line.lstrip().startswith(b"#"):
+                    yield number, line
+            first += block.count(b"\n")
 
     def place(self, row: int, column: int) -> tuple[int, int]:
         """Line and column, 1-based, of one field; both its numbers count from 0."""
@@ -123,15 +117,15 @@ class Survey:
         return number, _offset(line, self.separator, column) + 1
 
 
-def header_of(path: Path, text: bytes) -> tuple[str, ...]:
+def header_of(path: Path, head: bytes) -> tuple[str, ...]:
     """The lines above the first row, without blank ones. Raises ReadFailed where no row comes."""
-    return _header(path, text)[2]
+    return _header(path, head)[2]
 
 
-def survey(path: Path, text: bytes, widths: Sequence[int]) -> Survey:
+def survey(path: Path, text: Text, widths: Sequence[int]) -> Survey:
     """Find header, separator, number of columns (one of `widths`) and a cut last row. Raises ReadFailed."""
-    start, first_line, header = _header(path, text)
-    top = [line for line in text[start : start + HEAD_BYTES].split(b"\n") if line.strip()][:_LOOK_AT]
+    start, first_line, header = _header(path, text.head)
+    top = [line for line in text.head[start : start + HEAD_BYTES].split(b"\n") if line.strip()][:_LOOK_AT]
     top = [line for line in top if not line.lstrip().startswith(b"#")]
     if not top:
         raise ReadFailed(path, "it holds no rows", hint="check that the log was copied completely")
@@ -140,32 +134,41 @@ def survey(path: Path, text: bytes, widths: Sequence[int]) -> Survey:
         raise _wrong_shape(path, first_line, top[0], widths)
     width = found.most_common(1)[0][0][1]
     separator = SPACE if (SPACE, width) in found else TAB
-    end, cut_line = _cut_off(text, start, first_line, separator, width)
+    end, cut_line = _cut_off(text, start, separator, width)
     if end <= start:
         raise ReadFailed(path, "its only row is cut off", line=first_line, hint="check that the log was copied whole")
     return Survey(path, text, header, start, end, first_line, separator, width, cut_line)
 
 
-def parse(found: Survey, names: Sequence[str]) -> pa.Table:
-    """The rows as columns: the first as decimals, the others as doubles, null where a field is blank or NaN.
+def parse(found: Survey, names: Sequence[str]) -> Iterator[tuple[float, pa.Table]]:
+    """The rows as columns, block by block: the first as decimals, the others as doubles, null where blank or NaN.
 
-    Raises ReadFailed with line and column for a row of another width and for text where a number belongs.
+    With each block comes what part of the text has been read. Raises ReadFailed with line and column for a row of
+    another width and for text where a number belongs.
     """
-    raw = pa.py_buffer(found.text).slice(found.start, found.end - found.start)
+    done = found.start
+    for block in found.text.blocks(found.start, found.end):
+        done += len(block)
+        yield done / found.end, _of_block(found, block, names)
+
+
+def _of_block(found: Survey, block: bytes, names: Sequence[str]) -> pa.Table:
     try:
-        return _columns(raw, found.separator, names)
+        return _columns(block, found.separator, names)
     except pa.ArrowInvalid:
         pass
     try:
-        return _columns(pa.py_buffer(_tidied(found)), found.separator, names)
+        return _columns(_tidied(found, block), found.separator, names)
     except pa.ArrowInvalid as error:
         raise _first_fault(found, names, str(error)) from error
 
 
-def _columns(rows: pa.Buffer, separator: bytes, names: Sequence[str]) -> pa.Table:
+def _columns(rows: bytes, separator: bytes, names: Sequence[str]) -> pa.Table:
     from pyarrow import csv
 
     kinds = {names[0]: TIME_TYPE, **{name: pa.float64() for name in names[1:]}}
+    if not rows.strip(b" \n"):
+        return pa.schema(list(kinds.items())).empty_table()
     return csv.read_csv(
         pa.BufferReader(rows),
         read_options=csv.ReadOptions(column_names=list(names)),
@@ -253,25 +256,26 @@ def _wrong_shape(path: Path, number: int, line: bytes, widths: Sequence[int]) ->
     return ReadFailed(path, what, line=number, hint="check that it is the right file")
 
 
-def _cut_off(text: bytes, start: int, first_line: int, separator: bytes, width: int) -> tuple[int, int | None]:
+def _cut_off(text: Text, start: int, separator: bytes, width: int) -> tuple[int, int | None]:
     """Offset behind the last whole row, and the number of the line that was cut off behind it.
 
     A last line is cut if fields are missing, or if no line end follows and its last number has fewer decimals than
     the one above: the rest of it may be lost.
     """
-    end = len(text.rstrip(b"\n\0"))
-    begin = max(text.rfind(b"\n", start, end) + 1, start)
-    while begin > start and not text[begin:end].strip():
+    tail, first = text.tail, max(start - text.tail_at, 0)
+    end = len(tail.rstrip(b"\n\0"))
+    begin = max(tail.rfind(b"\n", first, end) + 1, first)
+    while begin > first and not tail[begin:end].strip():
         end = begin - 1
-        begin = max(text.rfind(b"\n", start, end) + 1, start)
-    last = fields(text[begin:end], separator, width)
-    whole = len(last) >= width or text[begin:end].lstrip().startswith(b"#")
-    if whole and text[end : end + 1] != b"\n" and begin > start:
-        above = text[max(text.rfind(b"\n", start, begin - 1) + 1, start) : begin - 1]
+        begin = max(tail.rfind(b"\n", first, end) + 1, first)
+    last = fields(tail[begin:end], separator, width)
+    whole = len(last) >= width or tail[begin:end].lstrip().startswith(b"#")
+    if whole and tail[end : end + 1] != b"\n" and begin > first:
+        above = tail[max(tail.rfind(b"\n", first, begin - 1) + 1, first) : begin - 1]
         whole = _decimals(last[-1:]) >= _decimals(fields(above, separator, width)[-1:])
     if whole:
-        return end, None
-    return begin, first_line + text.count(b"\n", start, begin)
+        return text.tail_at + end, None
+    return text.tail_at + begin, text.line_at(text.tail_at + begin)
 
 
 def _decimals(field: list[bytes]) -> int:
@@ -281,9 +285,8 @@ def _decimals(field: list[bytes]) -> int:
     return len(field[0].partition(b".")[2])
 
 
-def _tidied(found: Survey) -> bytes:
+def _tidied(found: Survey, body: bytes) -> bytes:
     """The rows without comments, padding, and tabs at the end. Lines stay where they are."""
-    body = found.text[found.start : found.end]
     if b"#" in body:
         body = re.sub(rb"(?m)^[ \t]*#.*$", b"", body)
     return _single_spaces(body) if found.separator == SPACE else _trimmed_tabs(body, found.width)

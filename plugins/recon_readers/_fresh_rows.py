@@ -33,6 +33,7 @@ from recon_readers._time_order import Mask, Times
 _FEWEST_NEWS: Final = 3
 _MOST_TOGETHER: Final = 0.1
 _LEAST_WITH_NEWS: Final = 0.5
+_BLOCK_ROWS: Final = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,14 @@ def _alternate(one: Mask, other: Mask, any_news: Mask, full: Mask) -> bool:
     one, other, any_news : (n,) bool, rows with news of these two and of any sensor
     full : (n,) bool, rows in which all are known; the first of them does not count, it is news of all
     """
-    rows = np.flatnonzero(full)[1:]
-    rarer = min(np.count_nonzero(one[rows]), np.count_nonzero(other[rows]))
+    later = full.copy()
+    later[np.argmax(full)] = False
+    rarer = min(np.count_nonzero(one & later), np.count_nonzero(other & later))
     if rarer < _FEWEST_NEWS:
         return False
-    together = np.count_nonzero((one & other)[rows])
-    return bool(together <= _MOST_TOGETHER * rarer and np.count_nonzero(any_news[rows]) >= _LEAST_WITH_NEWS * len(rows))
+    together = np.count_nonzero(one & other & later)
+    some = np.count_nonzero(any_news & later)
+    return bool(together <= _MOST_TOGETHER * rarer and some >= _LEAST_WITH_NEWS * np.count_nonzero(later))
 
 
 def gnss_rows(t_ns: Times, gnss: Seen, standing: Mask) -> GnssRows:
@@ -143,11 +146,16 @@ def _repeats(t_ns: Times, news: NDArray[np.intp], standing: Mask, period: int) -
 
     news : (m,) row numbers; standing : (m,) bool
     """
-    latest = np.cumsum(np.bincount(news, minlength=len(t_ns))) - 1
-    until = np.append(t_ns[news[1:]], t_ns[-1] + period // 2)[latest]
-    since = t_ns - t_ns[news[latest]]
-    due = since // period * period
-    above = np.append(0, since[:-1])
-    first = (due > 0) & (above < due)
-    in_time = (since - due <= period // 2) & (t_ns - since + due <= until - period // 2)
-    return np.asarray(first & in_time & (latest >= 0) & standing[latest])
+    until = np.append(t_ns[news[1:]], t_ns[-1] + period // 2)
+    found = np.zeros(len(t_ns), dtype=bool)
+    before = 0
+    for start in range(0, len(t_ns), _BLOCK_ROWS):
+        t = t_ns[start : start + _BLOCK_ROWS]
+        latest = np.searchsorted(news, np.arange(start, start + len(t)), side="right") - 1
+        since = t - t_ns[news[latest]]
+        due = since // period * period
+        first = (due > 0) & (np.append(before, since[:-1]) < due)
+        in_time = (since - due <= period // 2) & (t - since + due <= until[latest] - period // 2)
+        found[start : start + len(t)] = first & in_time & (latest >= 0) & standing[latest]
+        before = since[-1]
+    return found

@@ -23,7 +23,9 @@ from recon.tables import Array
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import clocks, days, whole
 
-BLOCK: Final = 1 << 22
+BLOCK: Final = 1 << 21
+LONGEST_EPOCH: Final = 1 << 16
+"""Bytes that the sentences of one time take, and all between them."""
 LONGEST: Final = 256
 """Bytes of a sentence; the standard has 82, receivers write more."""
 TYPES: Final[Mapping[str, int]] = {"RMC": 9, "GGA": 14, "GST": 8, "VTG": 8, "ZDA": 4, "GNS": 12, "GLL": 6, "GSA": 2}
@@ -47,7 +49,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class Sentences:
-    """The sentences of one type: place of each among all, (n,), and values by name, NaN where a field is blank.
+    """The sentences of one type in a block: place of each in it, (n,), and values by name, NaN where a field is blank.
 
     clock_ns : (n,) ns since midnight, -1 where the sentence has no time; day : (n,) days since 1970, -1 without date
     """
@@ -58,16 +60,14 @@ class Sentences:
     values: Mapping[str, Array]
 
 
-def read_sentences(path: Path) -> tuple[dict[str, Sentences], Counts]:
-    """All sentences of a file by type, and their counts."""
-    counts = Counts()
-    parts: dict[str, list[Sentences]] = {name: [] for name in TYPES}
-    offset = 0
+def read_sentences(path: Path, counts: Counts) -> Iterator[tuple[float, dict[str, Sentences]]]:
+    """The sentences of a file by type, in blocks that end between two times, with the part of the file so far."""
+    size, done = max(path.stat().st_size, 1), 0
     for block in _blocks(path):
-        for name, found in _of_block(block, offset, counts).items():
-            parts[name].append(found)
-        offset += len(block)
-    return {name: _joined(found) for name, found in parts.items() if found}, counts
+        done += len(block)
+        found = _of_block(block, counts)
+        if found:
+            yield done / size, found
 
 
 def count_sentences(head: bytes) -> tuple[int, int]:
@@ -78,26 +78,43 @@ def count_sentences(head: bytes) -> tuple[int, int]:
 
 
 def _blocks(path: Path) -> Iterator[bytes]:
-    """The file in blocks that end between sentences."""
+    """The file in blocks that end before the first sentence of another time, or at least between sentences."""
     with path.open("rb") as file:
         rest = b""
-        while block := file.read(BLOCK):
-            block = rest + block
-            cut = max(block.rfind(b"$"), block.rfind(b"!"))
-            cut = cut if len(block) - cut < LONGEST and cut > 0 else len(block)
+        while read := file.read(BLOCK):
+            block = rest + read
+            cut = _last_time(block) or _last_begin(block)
             yield block[:cut]
             rest = block[cut:]
         yield rest
 
 
-def _of_block(block: bytes, offset: int, counts: Counts) -> dict[str, Sentences]:
+def _last_time(block: bytes) -> int:
+    """Offset at which the sentences of the last time begin, which may go on behind the block; 0 where none is seen."""
+    start = max(len(block) - LONGEST_EPOCH, 0)
+    found = _of_block(block[start:], Counts())
+    if not found:
+        return 0
+    clock_ns = np.concatenate([part.clock_ns for part in found.values()])
+    places = np.concatenate([part.place for part in found.values()])[clock_ns >= 0]
+    order = np.argsort(places, kind="stable")
+    changes = np.flatnonzero(np.diff(clock_ns[clock_ns >= 0][order]))
+    return start + int(places[order][changes[-1] + 1]) if len(changes) else 0
+
+
+def _last_begin(block: bytes) -> int:
+    cut = max(block.rfind(b"$"), block.rfind(b"!"))
+    return cut if len(block) - cut < LONGEST and cut > 0 else len(block)
+
+
+def _of_block(block: bytes, counts: Counts) -> dict[str, Sentences]:
     found = list(_SENTENCE.finditer(block))
     right = _right(block, found)
     by_type: dict[str, tuple[list[int], list[bytes]]] = {}
     for match, good in zip(found, right.tolist(), strict=True):
         if good:
             places, texts = by_type.setdefault(match[1][2:5].decode(), ([], []))
-            places.append(offset + match.start())
+            places.append(match.start())
             texts.append(match[1][6:])
     used = 0
     for name, (places, _) in by_type.items():
@@ -240,11 +257,3 @@ def _gsa(fields: list[Any]) -> dict[str, Array]:
 _READ: Final[Mapping[str, Any]] = {
     "RMC": _rmc, "GGA": _gga, "GST": _gst, "VTG": _vtg, "ZDA": lambda fields: {}, "GNS": _gns, "GLL": _gll, "GSA": _gsa,
 }  # fmt: skip
-
-
-def _joined(parts: list[Sentences]) -> Sentences:
-    if len(parts) == 1:
-        return parts[0]
-    values = {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values}
-    place, clock_ns, day = (np.concatenate([getattr(p, n) for p in parts]) for n in ("place", "clock_ns", "day"))
-    return Sentences(place, clock_ns, day, values)

@@ -19,8 +19,9 @@ from typing import Final
 import pyarrow as pa
 
 from recon.errors import ReadFailed
-from recon_readers._delimited import contents, not_text, plain
+from recon_readers._delimited import contents, not_text
 from recon_readers._lines import COPIED, Form, Lines, read_lines
+from recon_readers._text_blocks import plain
 
 LARGEST: Final = 2**30
 """Bytes of a table; a member of a zip that claims more is refused."""

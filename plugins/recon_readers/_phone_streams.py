@@ -66,7 +66,7 @@ class Sensor:
     def table(self, kind: str) -> tuple[pa.Table | None, list[Metric]]:
         """The rows that are whole, as a stream of that kind."""
         source = Source(self.lines.path, self.name, self.lines.line if self.numbered else None)
-        made, learnt = stream(source, STREAMS[kind], self.t_ns, self.missing, self.groups)
+        made, learnt = stream(source, STREAMS[kind], self.t_ns, self.missing, dict(self.groups))
         return made, [*self.lines.learnt(), *learnt]
 
 

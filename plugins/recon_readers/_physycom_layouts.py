@@ -14,6 +14,7 @@ from recon.errors import DataError, ReadFailed
 from recon.stages import Sniff
 from recon.tables import Array
 from recon_readers import _delimited
+from recon_readers._text_blocks import Text, plain
 
 ACCEL: Final = ("ax", "ay", "az")
 GYRO: Final = ("gx", "gy", "gz")
@@ -114,7 +115,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     fault = _delimited.not_text(head)
     if fault:
         return Sniff(0.0, ": ".join(fault))
-    text = _delimited.plain(head)
+    text = plain(head)
     if text.lstrip()[:1] in (b"[", b"{"):
         return _sniff_json(text)
     if len(head) >= _delimited.HEAD_BYTES and b"\n" in text:
@@ -122,7 +123,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     told = False
     try:
         told = _tells(header_names(_delimited.header_of(path, text)))
-        found = _delimited.survey(path, text, WIDTHS)
+        found = _delimited.survey(path, Text.of(path, text), WIDTHS)
     except ReadFailed as error:
         return Sniff(_HEADER[0], _WORDS_FOUND) if told else Sniff(0.0, error.what)
     return _sniff_rows(_delimited.values(found), told)

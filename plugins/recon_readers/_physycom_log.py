@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.numerics.geodesy import STANDARD_GRAVITY
@@ -15,8 +16,21 @@ from recon.rows import Metric, warning
 from recon.tables import Array, vector
 from recon.units import duration_text
 from recon_readers import _delimited
+from recon_readers._columns import Columns
 from recon_readers._physycom_json import read_records
-from recon_readers._physycom_layouts import ACCEL, CENTURY_S, EARLIEST_S, GYRO, LATEST_S, SAME_ABS_G, WIDTHS, layout_of
+from recon_readers._physycom_layouts import (
+    ACCEL,
+    CENTURY_S,
+    EARLIEST_S,
+    GYRO,
+    LATEST_S,
+    PLACE,
+    SAME_ABS_G,
+    WIDTHS,
+    Layout,
+    layout_of,
+)
+from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times, in_order, never_falling, pauses, repeating
 
 LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
@@ -67,7 +81,7 @@ class Log:
     about: str
     time_ns: Times
     untimed: Mask
-    columns: Mapping[str, Array]
+    columns: Columns
     cut_line: int | None
     place: Callable[[int, str], tuple[int, int] | None]
 
@@ -104,40 +118,47 @@ def open_log(
     Raises ReadFailed, and DataError where `sensor` must tell.
     """
     text = _delimited.load(path)
-    log = _of_json(path, text) if text.lstrip()[:1] in (b"[", b"{") else _of_text(path, text, sensor)
+    log = _of_json(path, text) if text.head.lstrip()[:1] in (b"[", b"{") else _of_text(path, text, sensor)
     log, learnt = _within_limits(log, units)
     usable = in_order(log.time_ns, log.untimed)
     return replace(log, time_ns=never_falling(log.time_ns, usable), untimed=~usable), learnt
 
 
-def _of_text(path: Path, text: bytes, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
+def _of_text(path: Path, text: Text, sensor: Literal["accelerometer", "gyroscope"] | None) -> Log:
     found = _delimited.survey(path, text, WIDTHS)
     layout = layout_of(found, sensor)
-    table = _delimited.parse(found, layout.columns)
-    time_ns, missing = _delimited.whole_ns(table["time"])
+    columns = Columns.of(_blocks(found, layout), repeated=PLACE)
+    time_ns, missing = columns.pop("time"), columns.pop("missing")
     header = f"header '{found.header[-1][:80]}'" if found.header else "no header"
     about = f"{found.width} columns, {'tabs' if found.separator == _delimited.TAB else 'spaces'}, {header}"
 
     def place(row: int, column: str) -> tuple[int, int]:
         return found.place(row, layout.columns.index(column))
 
-    columns = {name: vector(table, name, gaps=True) for name in layout.columns[1:]}
     return Log(path, layout.name, about, time_ns, missing, columns, found.cut_line, place)
 
 
-def _of_json(path: Path, text: bytes) -> Log:
-    table = read_records(path, text)
+def _blocks(found: _delimited.Survey, layout: Layout) -> Iterator[tuple[float, dict[str, NDArray[Any]]]]:
+    """Times in ns, whether they are missing, and the other columns, NaN where blank."""
+    for share, table in _delimited.parse(found, layout.columns):
+        time_ns, missing = _delimited.whole_ns(table["time"])
+        numbers = {name: vector(table, name, gaps=True) for name in layout.columns[1:]}
+        yield share, {"time": time_ns, "missing": missing, **numbers}
+
+
+def _of_json(path: Path, text: Text) -> Log:
+    table = read_records(path, text.whole())
     time_ns, missing = _delimited.whole_ns(table["time"])
-    columns = {name: vector(table, name, gaps=True) for name in table.column_names if name != "time"}
+    columns = Columns({name: vector(table, name, gaps=True) for name in table.column_names if name != "time"})
     return Log(path, "GNSS JSON", "records", time_ns, missing, columns, None, lambda row, column: None)
 
 
 def _within_limits(log: Log, units: Mapping[str, float]) -> tuple[Log, list[Metric]]:
-    """The log without values that no vehicle and no clock can show, and how many there were.
+    """Take values that no vehicle and no clock can show out of the log, which is given back, and count them.
 
     Raises ReadFailed at the first one of a column that holds many: then they are of another unit or format.
     """
-    columns, untimed, learnt = dict(log.columns), log.untimed, []
+    columns, untimed, learnt = log.columns, log.untimed, []
     for name, (low, high, unit) in LIMITS.items():
         values = log.time_ns * 1e-9 if name == "time" else columns.get(name)
         if values is None:
@@ -158,7 +179,7 @@ def _within_limits(log: Log, units: Mapping[str, float]) -> tuple[Log, list[Metr
             untimed = untimed | outside
         else:
             columns[name] = np.where(outside, np.nan, columns[name])
-    return replace(log, columns=columns, untimed=untimed), learnt
+    return replace(log, untimed=untimed), learnt
 
 
 def account(log: Log, sensors: Mapping[str, Mask]) -> tuple[Mask, list[Metric]]:

@@ -5,7 +5,7 @@ For readers of logs in which single rows may be damaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +19,7 @@ from recon.rows import Metric, warning
 from recon.schema import Schema
 from recon.tables import Array, build
 from recon_readers._arrays import first_place
+from recon_readers._columns import kept
 from recon_readers._csv_streams import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
@@ -40,19 +41,20 @@ class Source:
 
 
 def stream(
-    source: Source, schema: Schema, t_ns: Times, missing: Mask, groups: Mapping[str, Array]
+    source: Source, schema: Schema, t_ns: Times, missing: Mask, groups: dict[str, Array]
 ) -> tuple[pa.Table | None, list[Metric]]:
     """A stream of the rows that have a time and a value, None where none has; and what was left out.
 
     t_ns : (n,) ns; missing : (n,) bool, rows without a time
-    groups : (n,) or (n, k) in the units of the schema, NaN where there is no value
+    groups : (n,) or (n, k) in the units of the schema, NaN where there is no value; emptied, so that they and the
+        stream are not there at once
 
     Raises ReadFailed where most values of a column are impossible: then they are of another unit or format.
     """
     learnt: list[Metric] = []
     if not len(t_ns):
         return None, learnt
-    found = {name: _possible(source, name, values, learnt) for name, values in groups.items()}
+    found = {name: _possible(source, name, groups.pop(name), learnt) for name in list(groups)}
     _without_zero_place(found)
     valued = np.zeros(len(t_ns), dtype=bool)
     for name, values in found.items():
@@ -68,9 +70,12 @@ def stream(
         )
     if not rows.any():
         return None, learnt
-    kept = {name: values[rows] for name, values in found.items() if np.isfinite(values[rows]).any()}
-    columns = {name: _integers(values) if name in WHOLE else values for name, values in kept.items()}
-    return build(schema.only(*columns), time=t_ns[rows], **columns), learnt
+    columns: dict[str, Any] = {}
+    for name in list(found):
+        values = kept(found.pop(name), rows)
+        if np.isfinite(values).any():
+            columns[name] = _integers(values) if name in WHOLE else values
+    return build(schema.only(*columns), time=kept(t_ns, rows), **columns), learnt
 
 
 def reference_groups(place: Array, vel_n: Array, q: Array) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -106,8 +111,9 @@ def _possible(source: Source, name: str, values: Array, learnt: list[Metric]) ->
         if outside.sum() > 0.5 * np.isfinite(values).sum():
             raise ReadFailed(source.path, what, line=line, hint="the file is damaged, or of another unit or format")
         _count(source, what + (f", first in line {line}" if line else ""), int(outside.sum()), learnt)
-    possible = np.where(outside, np.nan, values)
-    return np.where(np.isfinite(possible), np.mod(possible, 2.0 * np.pi) if name == "course" else possible, np.nan)
+    lost = outside | np.isinf(values)
+    possible = np.where(lost, np.nan, values) if lost.any() else values
+    return np.mod(possible, 2.0 * np.pi) if name == "course" else possible
 
 
 def _without_zero_place(found: dict[str, Any]) -> None:

@@ -33,12 +33,17 @@ def in_order(t_ns: Times, missing: Mask) -> Mask:
 
     t_ns : (n,) ns; missing : (n,) bool, rows without a time
     """
-    rows = np.flatnonzero(~missing)
-    rows = rows[_longest_rising(t_ns[rows])]
-    after = pauses(t_ns[rows])
-    rows = rows[int(0 in after) : len(rows) - int(len(rows) - 2 in after)]
-    usable = np.zeros(len(t_ns), dtype=bool)
-    usable[rows] = True
+    usable = ~missing
+    timed = t_ns if usable.all() else t_ns[usable]
+    rising = _longest_rising(timed)
+    if not rising.all():
+        timed = timed[rising]
+        usable[np.flatnonzero(usable)[~rising]] = False
+    after = pauses(timed)
+    if 0 in after:
+        usable[np.argmax(usable)] = False
+    if len(timed) - 2 in after:
+        usable[len(usable) - 1 - np.argmax(usable[::-1])] = False
     return usable
 
 
@@ -47,6 +52,8 @@ def never_falling(t_ns: Times, usable: Mask) -> Times:
 
     t_ns : (n,) ns; usable : (n,) bool as `in_order` gives them
     """
+    if usable.all():
+        return t_ns
     rows = np.flatnonzero(usable)
     beside = np.maximum(np.cumsum(usable) - 1, 0)
     return np.asarray(t_ns[rows[beside]]) if len(rows) else np.zeros_like(t_ns)
@@ -69,6 +76,8 @@ def repeating(t_ns: Times, fresh: Iterable[Mask]) -> Mask:
     t_ns : (n,) ns; fresh : by sensor (n,) bool, never falling in time
     """
     found = np.zeros(len(t_ns), dtype=bool)
+    if (t_ns[1:] > t_ns[:-1]).all():
+        return found
     for mask in fresh:
         rows = np.flatnonzero(mask)
         found[rows[1:][np.diff(t_ns[rows]) == 0]] = True
@@ -83,6 +92,8 @@ def _longest_rising(t_ns: Times) -> Mask:
     """
     if not len(t_ns):
         return np.zeros(0, dtype=bool)
+    if (t_ns[1:] >= t_ns[:-1]).all():
+        return np.ones(len(t_ns), dtype=bool)
     greatest = np.maximum.accumulate(t_ns)
     least = np.minimum.accumulate(t_ns[::-1])[::-1]
     chosen = (t_ns >= greatest) & (t_ns <= least)

@@ -19,10 +19,11 @@ and the text shows becomes rows of `metrics`; a row that is not used is counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -32,24 +33,39 @@ from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS, Change, Schema
 from recon.stages import Reader, Schemas, Sniff
-from recon.tables import Streams
-from recon_readers._csv_mapping import Accel, Columns
+from recon.tables import Array, Streams
+from recon_readers._columns import Columns
+from recon_readers._csv_mapping import Accel, Time
+from recon_readers._csv_mapping import Columns as Mapped
 from recon_readers._csv_propose import propose
-from recon_readers._csv_sheet import Cells, Sheet
-from recon_readers._csv_streams import Others, Part, assumptions, fresh_rows, locate, make, together, values_of
+from recon_readers._csv_sheet import Sheet
+from recon_readers._csv_streams import (
+    Others,
+    Part,
+    assumptions,
+    fresh_rows,
+    locate,
+    make,
+    together,
+    valid_rows,
+    values_of,
+)
 from recon_readers._csv_text import Form, open_sheet, survey
-from recon_readers._csv_time import read_clock
-from recon_readers._delimited import not_text, plain
+from recon_readers._csv_time import Clock, clock_of, read_times
+from recon_readers._delimited import not_text
+from recon_readers._text_blocks import Text, plain
 from recon_readers._time_order import Times, in_order
 
 UNSURE: Final = 0.3
 """Confidence in any delimited text: what its columns mean, only the mapping tells."""
 
+_TIME, _MISSING, _VALID = "time", "missing", "valid"
+
 
 class CsvParams(Params):
     """How the text is made, and what its columns mean."""
 
-    columns: Columns = setting(doc="Which column is what, by stream; 'recon inspect FILE' proposes it.")
+    columns: Mapped = setting(doc="Which column is what, by stream; 'recon inspect FILE' proposes it.")
     delimiter: Literal["auto", "comma", "semicolon", "tab", "space", "bar"] = setting(
         "auto", doc="What separates two columns."
     )
@@ -71,15 +87,16 @@ def read(path: Path, params: CsvParams) -> Streams:
     """
     sheet = open_sheet(path, params.form)
     parts, absent = _located(sheet, params.columns)
-    cells = _cells(sheet, parts)
-    streams, told = _streams(sheet, parts, cells)
+    rows = _rows(sheet, parts)
+    count = len(rows[_MISSING, parts[0].mapping.time])
+    streams, told = _streams(sheet, parts, rows)
     if not streams:
         raise ReadFailed(path, "no row holds a measurement", hint="check the mapping, and that the log is complete")
     form = Metric("format", note=f"delimited text: {sheet.about}")
-    return {**streams, "metrics": metrics([form, *_counts(sheet, cells), *told, *absent])}
+    return {**streams, "metrics": metrics([form, *_counts(sheet, count), *told, *absent])}
 
 
-def _located(sheet: Sheet, columns: Columns) -> tuple[list[Part], list[Metric]]:
+def _located(sheet: Sheet, columns: Mapped) -> tuple[list[Part], list[Metric]]:
     """The streams that the file holds, and those that it does not."""
     parts, absent = [], []
     for mapping in columns.streams():
@@ -96,38 +113,62 @@ def _located(sheet: Sheet, columns: Columns) -> tuple[list[Part], list[Metric]]:
     return parts, absent
 
 
-def _cells(sheet: Sheet, parts: Sequence[Part]) -> Cells:
-    """All columns that are needed: times and what marks valid rows as texts, the others as numbers."""
+def _rows(sheet: Sheet, parts: Sequence[Part]) -> Columns:
+    """All that is needed of the rows: numbers by index, times and what lacks one by clock, valid rows by stream."""
+    clocks = {part.mapping.time for part in parts}
     marks = [part.mapping.valid.column for part in parts if part.mapping.valid]
-    references = [*marks, *(reference for part in parts for reference in part.mapping.time.references)]
+    references = [*marks, *(reference for time in clocks for reference in time.references)]
     texts = [index for index in map(sheet.find, references) if index is not None]
-    return sheet.read([index for part in parts for indices in part.columns.values() for index in indices], texts)
+    numbers = [index for part in parts for indices in part.columns.values() for index in indices]
+
+    def blocks() -> Iterator[tuple[float, dict[Any, Any]]]:
+        for cells in sheet.read(numbers, texts):
+            found: dict[Any, Any] = dict(cells.numbers)
+            for time in clocks:
+                found[_TIME, time], found[_MISSING, time] = read_times(sheet, time, cells)
+            for part in parts:
+                if part.mapping.valid is not None:
+                    found[_VALID, part.mapping.stream] = valid_rows(sheet, part.mapping.valid, cells)
+            yield cells.share, found
+
+    return Columns.of(blocks())
 
 
-def _streams(sheet: Sheet, parts: Sequence[Part], cells: Cells) -> tuple[Streams, list[Metric]]:
-    values = {part.mapping.stream: values_of(sheet, part, cells) for part in parts}
+def _clock(time: Time, rows: Columns) -> Clock:
+    return clock_of(time, rows[_TIME, time], rows[_MISSING, time])
+
+
+def _streams(sheet: Sheet, parts: Sequence[Part], rows: Columns) -> tuple[Streams, list[Metric]]:
+    """The streams; takes the numbers out of the rows, so that they and the streams are not there at once."""
+    clocks = {time: _clock(time, rows) for time in {part.mapping.time for part in parts}}
+    users = Counter(index for part in parts for indices in part.columns.values() for index in indices)
+
+    def take(index: int) -> Array:
+        users[index] -= 1
+        return rows[index] if users[index] else rows.pop(index)
+
+    values = {part.mapping.stream: values_of(sheet, part, take) for part in parts}
     others = Others("imu" in values, together(values["gnss"]) if "gnss" in values else None)
-    clocks = {time: read_clock(sheet, time, cells.texts) for time in dict.fromkeys(part.mapping.time for part in parts)}
     streams: Streams = {}
     told: list[Metric] = []
     for part in parts:
         name = part.mapping.stream
-        clock = clocks[part.mapping.time]
-        fresh = fresh_rows(sheet, part, clock, values[name], cells, others)
+        clock, own = clocks[part.mapping.time], values.pop(name)
+        fresh = fresh_rows(sheet, part, clock, own, rows.pop((_VALID, name), None), others)
         told += [
             *(replace(row, method=name) for row in clock.learnt),
             *fresh.learnt,
-            *assumptions(sheet, part, values[name]),
+            *assumptions(sheet, part, own),
         ]
-        table = make(part, clock, values[name], fresh.rows)
+        table = make(part, clock, own, fresh.rows)
         if table is not None:
             streams[name] = table
     return streams, told
 
 
-def _counts(sheet: Sheet, cells: Cells) -> list[Metric]:
+def _counts(sheet: Sheet, count: int) -> list[Metric]:
     """How many rows there were, and what of the text is no row of it."""
-    found = [Metric("rows_read", float(len(next(iter(cells.texts.values())))))]
+    found = [Metric("rows_read", float(count))]
     if sheet.above:
         text = "above the first row, neither header nor comments"
         found.append(Metric("lines_left_out", float(sheet.above), note=text))
@@ -144,7 +185,7 @@ def lines(path: Path, params: CsvParams, stream: str, t_ns: Times) -> Times:
     part = next((part for part in parts if part.mapping.stream == stream), None)
     if part is None:
         return np.zeros(len(t_ns), dtype=np.int64)
-    clock = read_clock(sheet, part.mapping.time, _cells(sheet, [part]).texts)
+    clock = _clock(part.mapping.time, _rows(sheet, [part]))
     timed = np.flatnonzero(in_order(clock.t_ns, clock.missing))
     own = clock.t_ns[timed]
     at = np.searchsorted(own, t_ns).clip(max=len(own) - 1)
@@ -172,7 +213,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     if fault:
         return Sniff(0.0, fault[0])
     try:
-        found = survey(path, plain(head), Form())
+        found = survey(path, Text.of(path, plain(head)), Form())
     except ReadFailed as error:
         return Sniff(0.0, error.what)
     kind = f"it looks like delimited text ({found.about})"
@@ -190,7 +231,7 @@ def declare_readers() -> Iterable[Reader]:
         sniff=sniff,
         lines=lines,
         propose=propose,
-        writes={name: STREAMS[name].possible() for name in Columns.model_fields},
+        writes={name: STREAMS[name].possible() for name in Mapped.model_fields},
         plan=plan,
         references=("RFC 4180", "IS-GPS-200, 20.3.3.5.2.4", "IERS Bulletin C", "ISO 8601-1:2019"),
     )

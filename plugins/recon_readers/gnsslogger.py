@@ -28,9 +28,10 @@ from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams
-from recon_readers._delimited import contents, not_text, plain
+from recon_readers._delimited import contents, not_text
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, columns, streams_of
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 
 SENSORS: Final = {"accel": ("Accel", 1.0), "gyro": ("Gyro", 1.0), "mag": ("Mag", 1e-6)}

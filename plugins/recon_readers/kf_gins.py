@@ -38,9 +38,10 @@ from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
 from recon_readers._arrays import FRONT_RIGHT_DOWN
-from recon_readers._delimited import HEAD_BYTES, TIME_TYPE, contents, not_text, plain, whole_ns
+from recon_readers._delimited import HEAD_BYTES, TIME_TYPE, contents, not_text, whole_ns
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._streams import Source, reference_groups, stream
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times, in_order
 
 LOOK_AT: Final = 50

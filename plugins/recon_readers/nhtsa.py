@@ -35,9 +35,10 @@ from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
 from recon.units import convert
 from recon_readers._arrays import FRONT_RIGHT_DOWN, interleave
-from recon_readers._delimited import TIME_TYPE, contents, plain, whole_ns
+from recon_readers._delimited import TIME_TYPE, contents, whole_ns
 from recon_readers._lines import COPIED, Form, read_lines
 from recon_readers._streams import Source, stream
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Times, in_order, repeating
 
 UNITS: Final = {("AC", "G'S"): ("accel", "g"), ("AV", "DPS"): ("gyro", "deg/s")}

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
+from recon_readers._columns import Columns
 from recon_readers._lines import COPIED
 from recon_readers._nmea_sentences import TYPES, Counts, Sentences, count_sentences, read_sentences
 from recon_readers._streams import Source, stream
@@ -62,20 +63,19 @@ class NmeaParams(Params):
 
 def read(path: Path, params: NmeaParams) -> Streams:
     """The stream gnss. Raises ReadFailed where no sentence holds a position or a speed."""
-    found, counts = read_sentences(path)
-    if not found:
+    counts = Counts()
+    rows = Columns.of((share, _rows(found)) for share, found in read_sentences(path, counts))
+    if not rows:
         raise ReadFailed(path, "no sentence of NMEA 0183 has a right checksum", line=1, hint=COPIED)
-    places = np.concatenate([part.place for part in found.values()])
-    order = np.argsort(places, kind="stable")
-    epochs = _Epochs.of(found, order)
-    t_ns, missing, facts, learnt = _times(epochs, params)
-    gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, _groups(found, epochs))
+    t_ns, missing, facts, learnt = _times(rows.pop("clock_ns"), rows.pop("day"), params)
+    learnt += _separation(rows)
+    gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, _groups(rows))
     if gnss is None:
         raise ReadFailed(path, f"none of its sentences holds a position: {_about(counts)}", line=1, hint=_NO_FIX)
     table = with_meta(
         gnss, **facts, time_scale="UTC", format="NMEA 0183", height_datum="mean_sea_level", heading_kind="course_true"
     )
-    return {"gnss": table, "metrics": metrics([*_counted(path, counts), *learnt, *_separation(found), *told])}
+    return {"gnss": table, "metrics": metrics([*_counted(path, counts), *learnt, *told])}
 
 
 def sniff(path: Path, head: bytes) -> Sniff:
@@ -93,70 +93,67 @@ def sniff(path: Path, head: bytes) -> Sniff:
 _NO_FIX: Final = "had the receiver a fix? RMC, GGA, GNS or GLL must be among its sentences"
 
 
-class _Epochs:
-    """Rows of one time each: for each sentence, by type, the row that it belongs to; for each row its time and day."""
+def _rows(found: Mapping[str, Sentences]) -> dict[str, NDArray[Any]]:
+    """Rows of one time each from the sentences of a block: (n,) by name, NaN where no sentence tells.
 
-    def __init__(self, row: Mapping[str, NDArray[np.intp]], clock_ns: Times, day: Times) -> None:
-        self.row, self.clock_ns, self.day = row, clock_ns, day
+    clock_ns : ns since midnight, -1 without a time; day : days since 1970, -1 without a date
+    """
+    ends = np.cumsum([len(part.place) for part in found.values()])[:-1]
+    order = np.argsort(np.concatenate([part.place for part in found.values()]), kind="stable")
+    clock_ns = np.concatenate([part.clock_ns for part in found.values()])[order]
+    day = np.concatenate([part.day for part in found.values()])[order]
+    timed = np.flatnonzero(clock_ns >= 0)
+    before = np.maximum(np.cumsum(clock_ns >= 0) - 1, 0)  # sentences without a time belong to the one before
+    clock_ns = clock_ns[timed][before] if len(timed) else clock_ns
+    row = np.cumsum(np.diff(clock_ns, prepend=clock_ns[:1]) != 0)
+    first = np.flatnonzero(np.diff(row, prepend=-1))
+    days = np.full(len(first), -1, dtype=np.int64)
+    days[row[day >= 0]] = day[day >= 0]
+    unsorted = np.empty_like(row)
+    unsorted[order] = row
+    rows = dict(zip(found, np.split(unsorted, ends), strict=True))
+    columns: dict[str, NDArray[Any]] = {"clock_ns": clock_ns[first], "day": days}
+    for name, types in FROM.items():
+        told = [kind for kind in types if kind in found]
+        if told:
+            columns[name] = np.full(len(first), np.nan)
+        for kind in reversed(told):
+            values = found[kind].values[name]
+            known = np.isfinite(values)
+            columns[name][rows[kind][known]] = values[known]
+    return columns
 
-    @classmethod
-    def of(cls, found: Mapping[str, Sentences], order: NDArray[np.intp]) -> _Epochs:
-        """Sentences in the order of the file; those without a time belong to the one before."""
-        clock_ns = np.concatenate([part.clock_ns for part in found.values()])[order]
-        day = np.concatenate([part.day for part in found.values()])[order]
-        timed = np.flatnonzero(clock_ns >= 0)
-        before = np.maximum(np.cumsum(clock_ns >= 0) - 1, 0)
-        clock_ns = clock_ns[timed][before] if len(timed) else clock_ns
-        row = np.cumsum(np.diff(clock_ns, prepend=clock_ns[:1]) != 0)
-        first = np.flatnonzero(np.diff(row, prepend=-1))
-        days = np.full(len(first), -1, dtype=np.int64)
-        days[row[day >= 0]] = day[day >= 0]
-        unsorted = np.empty_like(row)
-        unsorted[order] = row
-        ends = np.cumsum([len(part.place) for part in found.values()])[:-1]
-        return cls(dict(zip(found, np.split(unsorted, ends), strict=True)), clock_ns[first], days)
 
-
-def _times(epochs: _Epochs, params: NmeaParams) -> tuple[Times, Mask, dict[str, str], list[Metric]]:
+def _times(clock_ns: Times, days: Times, params: NmeaParams) -> tuple[Times, Mask, dict[str, str], list[Metric]]:
     """Times of the rows, (n,) ns; which have none, (n,) bool; facts and what is to be told."""
-    missing = epochs.clock_ns < 0
-    clock_ns = np.where(missing, 0, epochs.clock_ns)
+    missing = clock_ns < 0
+    clock_ns = np.where(missing, 0, clock_ns)
     passed = np.cumsum(np.diff(clock_ns, prepend=clock_ns[:1]) < -DAY_NS // 2)
-    dated = np.flatnonzero((epochs.day >= 0) & ~missing)
+    dated = np.flatnonzero((days >= 0) & ~missing)
     if not len(dated):
         note = "no sentence tells the date (RMC and ZDA do): times count from midnight"
         return passed * DAY_NS + clock_ns, missing, {"clock": "relative"}, [warning(note)]
-    last = np.maximum.accumulate(np.where(epochs.day >= 0, np.arange(len(clock_ns)), -1))
+    last = np.maximum.accumulate(np.where(days >= 0, np.arange(len(clock_ns)), -1))
     base = np.where(last >= 0, last, dated[0])
-    day = epochs.day[base] + passed - passed[base]
+    day = days[base] + passed - passed[base]
     t_ns = day * DAY_NS + clock_ns + params.rollovers * 1024 * WEEK_NS
     learnt = []
-    if epochs.day[dated[0]] < OLDEST_DAY and not params.rollovers:
-        date = str(np.datetime64(int(epochs.day[dated[0]]), "D"))
+    if days[dated[0]] < OLDEST_DAY and not params.rollovers:
+        date = str(np.datetime64(int(days[dated[0]]), "D"))
         note = f"the receiver says {date}: if its week number has rolled over, set reader.nmea.rollovers to 1"
         learnt.append(warning(note))
     return t_ns, missing, {"clock": "absolute"}, learnt
 
 
-def _groups(found: Mapping[str, Sentences], epochs: _Epochs) -> dict[str, Array]:
-    """Values of the rows, NaN where no sentence tells."""
-    columns = {}
-    for name, types in FROM.items():
-        told = [kind for kind in types if kind in found]
-        if not told or name == "separation":
-            continue
-        column = np.full(len(epochs.clock_ns), np.nan)
-        for kind in reversed(told):
-            values = found[kind].values[name]
-            known = np.isfinite(values)
-            column[epochs.row[kind][known]] = values[known]
-        columns[name] = column
-    quality = columns.pop("quality", None)
-    if quality is not None and "fix" in columns:
-        columns["fix"] = np.where(quality == 0.0, 0.0, columns["fix"])
-    sigmas = [columns.pop(f"pos_std_{axis}", None) for axis in "enu"]
+def _groups(rows: Columns) -> dict[str, Array]:
+    """The columns of the stream, taken out of the rows."""
+    quality = rows.pop("quality", None)
+    if quality is not None and "fix" in rows:
+        rows["fix"] = np.where(quality == 0.0, 0.0, rows["fix"])
+    sigmas = [rows.pop(f"pos_std_{axis}", None) for axis in "enu"]
+    columns = {name: rows.pop(name) for name in list(rows)}
     if sigmas[0] is not None:
-        columns["pos_std"] = np.column_stack([part for part in sigmas if part is not None])
+        columns["pos_std"] = np.array(sigmas).T
     return columns
 
 
@@ -174,9 +171,9 @@ def _counted(path: Path, counts: Counts) -> list[Metric]:
     return found
 
 
-def _separation(found: Mapping[str, Sentences]) -> list[Metric]:
-    told = [found[kind].values["separation"] for kind in FROM["separation"] if kind in found]
-    known = np.concatenate(told)[np.isfinite(np.concatenate(told))] if told else np.zeros(0)
+def _separation(rows: Columns) -> list[Metric]:
+    told = rows.pop("separation", np.zeros(0))
+    known = told[np.isfinite(told)]
     if not len(known):
         return []
     note = "height of mean sea level above the ellipsoid, as the receiver has it"

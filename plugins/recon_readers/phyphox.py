@@ -29,9 +29,9 @@ from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
-from recon_readers._delimited import plain
 from recon_readers._phone_files import Files, Sheet, files_of, header_of, is_zip, sheet_of
 from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, columns, streams_of
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 
 TIMES: Final = "meta/time.csv"

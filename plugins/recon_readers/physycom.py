@@ -35,6 +35,7 @@ from recon.schema import GNSS, IMU
 from recon.stages import Reader
 from recon.tables import Streams, build, with_meta
 from recon.units import convert
+from recon_readers._columns import at_rows, kept
 from recon_readers._fresh_rows import GnssRows, gnss_rows, imu_rows, see
 from recon_readers._physycom_layouts import ACCEL, EARLIEST_S, GYRO, PLACE, sniff
 from recon_readers._physycom_log import Log, account, doubts, missing_values, open_log
@@ -84,7 +85,10 @@ def read(path: Path, params: PhysycomParams) -> Streams:
         *_assumptions(log, params),
         *doubts(log, params.gravity),
     ]
-    return {**_imu(log, kept, params), **_gnss(log, kept, params), "metrics": metrics(learnt)}
+    for name in ("abs", "relative"):  # only the doubts wanted them
+        log.columns.pop(name, None)
+    gnss = _gnss(log, kept, params)
+    return {**_imu(log, kept, params), **gnss, "metrics": metrics(learnt)}
 
 
 def lines(path: Path, params: PhysycomParams, stream: str, t_ns: Times) -> Times:
@@ -151,23 +155,26 @@ def _assumptions(log: Log, params: PhysycomParams) -> list[Metric]:
 
 
 def _imu(log: Log, fresh: Mapping[str, Mask], params: PhysycomParams) -> Streams:
-    """The stream imu. Rows of one time that update different sensors become one; null where a sensor said nothing."""
+    """The stream imu. Rows of one time that update different sensors become one; null where a sensor said nothing.
+
+    Takes the columns out of the log, so that they and those of the stream are not there at once.
+    """
     masks = {name: fresh[name] for name in _AXES if name in fresh}
     if not any(mask.any() for mask in masks.values()):
         return {}
     rows = np.logical_or.reduce(list(masks.values()))
     t_ns = log.time_ns[rows]
     begins = np.diff(t_ns, prepend=t_ns[0] - 1) > 0
-    slot = np.cumsum(begins) - 1
-    groups = {}
+    slot = np.cumsum(begins, dtype=np.int32) - 1
+    time_ns = _utc_ns(t_ns[begins], params)
+    columns = {}
     for name, mask in masks.items():
-        groups[name] = np.full((slot[-1] + 1, 3), np.nan)
-        for axis, column in enumerate(_AXES[name]):
-            values = log.columns[column][mask]
-            groups[name][slot[mask[rows]], axis] = (
-                values * params.gravity if name == "accel" else convert(values, "deg/s", "rad/s")
-            )
-    imu = build(IMU.only(*masks), time=_utc_ns(t_ns[begins], params), **groups)
+        at = slot[mask[rows]]
+        for axis, column in zip("xyz", _AXES[name], strict=True):
+            values = kept(log.columns.pop(column), mask)
+            values = values * params.gravity if name == "accel" else convert(values, "deg/s", "rad/s")
+            columns[f"{name}_{axis}"] = at_rows(values, at, len(time_ns))
+    imu = build(IMU.only(*masks), time=time_ns, **columns)
     return {"imu": with_meta(imu, **_clock(log))}
 
 
@@ -175,7 +182,7 @@ def _gnss(log: Log, fresh: Mapping[str, Mask], params: PhysycomParams) -> Stream
     """The stream gnss with the columns that the file has. A position of exactly 0, 0 is no fix and becomes null."""
     if "gnss" not in fresh or not fresh["gnss"].any():
         return {}
-    raw = {name: values[fresh["gnss"]] for name, values in log.columns.items() if name in (*PLACE, "fix")}
+    raw = {name: log.columns[name][fresh["gnss"]] for name in (*PLACE, "fix") if name in log.columns}
     columns: dict[str, Any] = {"speed": convert(raw["speed"], params.speed_unit, "m/s")}
     facts: dict[str, str] = {}
     if "lat" in raw:

@@ -33,9 +33,10 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
-from recon_readers._delimited import TIME_TYPE, contents, plain, whole_ns
+from recon_readers._delimited import TIME_TYPE, contents, whole_ns
 from recon_readers._lines import COPIED, Form, Lines, read_lines
 from recon_readers._streams import Source, stream
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
 
@@ -73,10 +74,10 @@ def read(path: Path, params: NoParams) -> Streams:
     t_ns, missing = _times(lines, layout)
     groups, facts = _groups(lines)
     source = Source(path, "gnss", lines.line)
+    facts |= {"height_datum": layout.datum} if "lat" in groups else {}
     gnss, told = stream(source, GNSS, t_ns, missing, groups)
     if gnss is None:
         raise ReadFailed(path, "no row holds a time and a position", line=lines.first_line, hint=COPIED)
-    facts |= {"height_datum": layout.datum} if "lat" in groups else {}
     learnt = [*lines.learnt(), *_quality(lines), Metric("time_scale", note=f"{layout.scale} in the file"), *told]
     table = with_meta(gnss, clock="absolute", time_scale="UTC", format="RTKLIB", **facts)
     return {"gnss": table, "metrics": metrics(learnt)}

@@ -36,9 +36,10 @@ from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
 from recon.units import convert
 from recon_readers._csv_mapping import Axes
-from recon_readers._delimited import contents, plain
+from recon_readers._delimited import contents
 from recon_readers._lines import COPIED, Form, Lines, read_lines
 from recon_readers._streams import Source, stream
+from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import clocks, days, over_midnight
 
