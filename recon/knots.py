@@ -16,6 +16,8 @@ error is therefore that of the two knots, interpolated likewise, and white noise
 cubic is also the mean of such a process. Left out are scale errors of the IMU inside of an interval: a change of speed
 by dv in a part of one, as in a crash, errs besides by up to the scale error times dv.
 
+Where L is NaN on its diagonal, as that of the attitude is where a fuser took it as given, nothing is known.
+
 References
     Barfoot, Tong, Sarkka (2014), "Batch continuous-time trajectory estimation as exactly sparse Gaussian process
     regression", RSS X: eq. 17 to 20 (interpolation and its covariance), white noise on acceleration.
@@ -131,11 +133,14 @@ class Knots:
             weights[other, same] = 0.0
         total = np.zeros((len(start_ns), SIZE, SIZE))
         for one, other in combinations_with_replacement(range(4), 2):
-            part = weights[one] @ self.covariance(knots[one], knots[other]) @ _turned(weights[other])
+            known = np.nan_to_num(self.covariance(knots[one], knots[other]))
+            part = weights[one] @ known @ _turned(weights[other])
             total += part if one == other else part + _turned(part)
         total += self._pinned(before, s, s, length_s) + self._pinned(after, t, t, other_length_s)
         common = self._pinned(before, np.minimum(s, t), np.maximum(s, t), length_s)
         total -= (before == after)[:, None, None] * (common + _turned(common))
+        unknown = np.isnan(np.diagonal(self.root[0]))
+        total[:, unknown], total[:, :, unknown] = np.nan, np.nan
         return np.asarray(0.5 * (total + _turned(total)))
 
     def _locate(self, t_ns: np.ndarray) -> tuple[np.ndarray, Array, Array]:

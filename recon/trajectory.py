@@ -203,7 +203,7 @@ class Trajectory:
 
         lat, height = between("lat")[:, 0], between("height")[:, 0]
         lon = np.degrees(interpolate_angle(t_ns, own, np.radians(vector(self.table, "lon", gaps=True))))
-        attitude = slerp(at, since, matrix(self.table, "q"))
+        attitude = slerp(at, since, matrix(self.table, "q")) if has(self.table, "q") else np.full((len(at), 4), np.nan)
         return Poses(t_ns.view("datetime64[ns]"), between("pos"), between("vel"), attitude, lat, lon, height)
 
     def _repr_html_(self) -> str:

@@ -10,7 +10,8 @@ rate of the imu, at a fix it is updated; with `smooth` every estimate also knows
 Striebel). In steps in which the imu is silent the acceleration is not known, and the sigmas grow accordingly.
 
 Receivers err by much the same for minutes. No filter of positions averages that away: of the variance of a fix the
-share `slow_share` is kept out of R and added to what the result claims.
+share `slow_share` is kept out of R and added to what the result claims; between two times it is alike as far as it has
+not changed within `slow_time`. The sigmas of changes follow from the stream `knots`, which a smoother alone can write.
 
 fuser.map estimates attitude, biases, mounting and delays together with the motion, and is several times better.
 
@@ -33,6 +34,7 @@ from recon import (
     EVENTS,
     GNSS,
     IMU,
+    KNOTS,
     RESIDUALS,
     TRAJECTORY,
     Array,
@@ -58,9 +60,11 @@ from recon import (
 )
 from recon.errors import NotEnoughData
 from recon.numerics.constant_velocity import Fusion, Innovations
+from recon.numerics.constant_velocity_chain import chain
 from recon.numerics.rotation import slerp
 from recon.placing import geolocate, silence_warnings, silent_steps
 from recon.tables import schema_of
+from recon_fusers._cv_knots import knots
 
 SILENT_NOISE: Final = 2.0
 """m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
@@ -91,6 +95,7 @@ class KalmanParams(Params):
     slow_share: float = setting(
         0.5, ge=0, lt=1, doc="Share of the variance of a fix that lasts for minutes: no fix averages it away."
     )
+    slow_time: float = quantity(100.0, "s", gt=0, le=1e6, doc="Time in which that share changes.")
     gate: float = setting(5.0, ge=1, le=1e6, doc="Sigmas from the prediction beyond which a fix counts less and less.")
     patience: float = quantity(
         10.0, "s", ge=0, le=1e6, doc="Where all fixes lie beyond the gate for longer, they are believed again."
@@ -146,12 +151,36 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
         *silence_warnings(imu, silent, "the acceleration is taken as zero"),
         *_counts(t_ns, kept, seen, params.gate),
     ]
-    return {
-        "trajectory": geolocate(with_meta(table, **meta(imu), **_body(attitude)), gnss),
+    trajectory = geolocate(with_meta(table, **meta(imu), **_body(attitude)), gnss)
+    streams = {
+        "trajectory": trajectory,
         "residuals": _residuals(fix_ns[1:], seen, params.gate),
         "events": events(_outages(t_ns, fix_ns)),
         "metrics": metrics(learnt),
     }
+    if params.smooth:
+        lasting = sigma * np.sqrt(params.slow_share)
+        streams["knots"] = _knots(fusion, density, t_ns, fix_ns, lasting, params.slow_time, attitude, trajectory)
+    return streams
+
+
+def _knots(
+    fusion: Fusion,
+    density: Array,
+    t_ns: NDArray[np.int64],
+    fix_ns: NDArray[np.int64],
+    lasting: Array,
+    tau_s: float,
+    attitude: pa.Table | None,
+    trajectory: pa.Table,
+) -> pa.Table:
+    """The smoother at fixes and at the last row, from which the sigmas of changes follow."""
+    found = chain(fusion, density)
+    times_ns = fix_ns[found.fix]
+    if found.t_s[-1] > fusion.fix_s[-1]:
+        times_ns[-1] = t_ns[-1]
+    noise = np.sqrt(density[0] ** 2 + fusion.held_q2[found.fix])
+    return knots(found, times_ns, _attitude(times_ns, attitude), lasting[found.fix], tau_s, noise, trajectory)
 
 
 def _fixes(imu: pa.Table, gnss: pa.Table, params: KalmanParams) -> tuple[NDArray[np.intp], Array, list[Metric]]:
@@ -244,7 +273,8 @@ def _plan(schemas: Mapping[str, Schema], params: KalmanParams) -> dict[str, Sche
     given = TRAJECTORY.only("pos", "vel", "q", "lat", "lon", "height", "pos_std", "vel_std", "att_std")
     frame = schemas["attitude"]["qw"].frame if "attitude" in schemas else "vehicle"
     trajectory = Change(frames={"q": frame}).apply(given)
-    return {"trajectory": trajectory, "residuals": RESIDUALS, "events": EVENTS}
+    streams = {"trajectory": trajectory, "residuals": RESIDUALS, "events": EVENTS}
+    return {**streams, "knots": KNOTS} if params.smooth else streams
 
 
 @hookimpl

@@ -57,7 +57,7 @@ class Innovations:
     weight: Floats
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """State and covariance at some times, each (n,)."""
 
     p: Floats
@@ -66,10 +66,10 @@ class _State(NamedTuple):
     pv: Floats
     vv: Floats
 
-    def moved(self, h: Floats, dp: Floats, dv: Floats, q2: Floats) -> _State:
+    def moved(self, h: Floats, dp: Floats, dv: Floats, q2: Floats) -> State:
         """After h s, pushed by dp m and dv m/s."""
         pv = self.pv + h * self.vv
-        return _State(
+        return State(
             self.p + h * self.v + dp,
             self.v + dv,
             self.pp + h * (self.pv + pv) + q2 * h**3 / 3.0,
@@ -78,7 +78,7 @@ class _State(NamedTuple):
         )
 
 
-class _Updates(NamedTuple):
+class Updates(NamedTuple):
     """What positions did on one axis, each (m-1,): innovation, its variance as told and as believed, gains."""
 
     innovation: Floats
@@ -181,12 +181,12 @@ class Fusion:
         found: list[Floats] = [np.empty(moved_p.shape) for _ in range(4)]
         told: list[Floats] = [np.empty((len(self.fix) - 1, self.fix.shape[1])) for _ in range(3)]
         for axis, own in enumerate(density.tolist()):
-            filtered, updates = self._filtered(axis, own)
-            state = _State(*(part[last] for part in filtered))
+            filtered, updates = self.filtered(axis, own)
+            state = State(*(part[last] for part in filtered))
             q2 = own**2 + self.held_q2[last]
             state = state.moved(until_s, moved_p[:, axis], moved_v[:, axis], q2)
             if smooth:
-                state = _smoothed(state, updates, np.diff(self.fix_s), self.fix_s, self.t_s[rows], last)
+                state = smoothed(state, updates, np.diff(self.fix_s), self.fix_s, self.t_s[rows], last)
             for column, values in zip(found, (state.p, state.v, state.pp, state.vv), strict=True):
                 column[:, axis] = values
             for column, values in zip(told, (updates.innovation, updates.told_var, updates.weight), strict=True):
@@ -216,11 +216,12 @@ class Fusion:
 
     def _cost(self, axis: int, density: float) -> float:
         """Twice the negative logarithm of the likelihood, but for a constant. Schweppe 1965."""
-        _, updates = self._filtered(axis, density)
+        _, updates = self.filtered(axis, density)
         squares = updates.innovation**2 / updates.told_var
         return float((np.log(updates.told_var) + np.minimum(squares, self.trust[0] ** 2)).sum())
 
-    def _filtered(self, axis: int, density: float) -> tuple[_State, _Updates]:
+    def filtered(self, axis: int, density: float) -> tuple[State, Updates]:
+        """On one axis: the state after each position (m,), and what all but the first did (m-1,)."""
         step = np.diff(self.fix_s)
         start, stop = (Pushes(*(part[at] for part in self.there)) for at in (slice(-1), slice(1, None)))
         dp, dv = start.between(stop, step)
@@ -230,7 +231,7 @@ class Fusion:
 
 def _forward(
     step: Floats, dp: Floats, dv: Floats, fix: Floats, fix_var: Floats, q2: Floats, trust: tuple[float, float]
-) -> tuple[_State, _Updates]:
+) -> tuple[State, Updates]:
     """One axis: the state after each position (m,), and what all but the first did (m-1,). trust : gate and patience.
 
     Plain numbers: arrays of one or two take ten times as long.
@@ -254,10 +255,10 @@ def _forward(
         p, v = p + gain_p * error, v + gain_v * error
         pp, pv, vv = (1.0 - gain_p) * pp, (1.0 - gain_p) * pv, vv - gain_v * pv
         after.append((p, v, pp, pv, vv))
-    return _State(*np.array(after).T), _Updates(*np.array(updates).reshape(-1, len(_Updates._fields)).T)
+    return State(*np.array(after).T), Updates(*np.array(updates).reshape(-1, len(Updates._fields)).T)
 
 
-def _smoothed(state: _State, updates: _Updates, step: Floats, fix_s: Floats, t_s: Floats, last: Rows) -> _State:
+def smoothed(state: State, updates: Updates, step: Floats, fix_s: Floats, t_s: Floats, last: Rows) -> State:
     """The estimates at the samples t_s (n,), corrected by what the positions after `last` (n,), before each, say.
 
     x + P F^T y,    P - P F^T Y F P,    F to the next position, of which y and Y tell and all that follow it
@@ -267,17 +268,17 @@ def _smoothed(state: _State, updates: _Updates, step: Floats, fix_s: Floats, t_s
     p, v, pp, pv, vv = (part[inside] for part in state)
     h = fix_s[last[inside] + 1] - t_s[inside]
     ahead_p, ahead_v = pp + h * pv, pv + h * vv
-    corrected = _State(
+    corrected = State(
         p + ahead_p * y_p + pv * y_v,
         v + ahead_v * y_p + vv * y_v,
         pp - ahead_p * (ahead_p * y_pp + 2.0 * pv * y_pv) - pv * pv * y_vv,
         pv - ahead_p * (ahead_v * y_pp + vv * y_pv) - pv * (ahead_v * y_pv + vv * y_vv),
         vv - ahead_v * (ahead_v * y_pp + 2.0 * vv * y_pv) - vv * vv * y_vv,
     )
-    return _State(*(np.append(part, rest[inside.stop :]) for part, rest in zip(corrected, state, strict=True)))
+    return State(*(np.append(part, rest[inside.stop :]) for part, rest in zip(corrected, state, strict=True)))
 
 
-def _backward(updates: _Updates, step: Floats) -> Floats:
+def _backward(updates: Updates, step: Floats) -> Floats:
     """What each position but the first and all later ones tell of the state just before it: y and Y, (5, m-1).
 
     With A = I - K H and F to the position after it, from the last one on: y = A^T F^T y_next + H^T e / s,

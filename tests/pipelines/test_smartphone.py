@@ -134,4 +134,21 @@ def test_distances_are_measured_between_images_beside_the_log(tmp_path: Path) ->
     assert moved.duration == 20.0
     # Three sigmas of two fixes of 2 m and 1 m, as if they had nothing in common: 3 sqrt(2 (4 + 1)).
     assert moved.ground_distance == pytest.approx(truth.between(moved.start, moved.stop).ground_distance, abs=9.5)
-    assert np.isnan(moved.ground_distance_sigma)
+    assert 0.5 < moved.ground_distance_sigma < 4.0
+
+
+def test_distances_err_by_as_much_as_their_sigmas_say() -> None:
+    squares: dict[float, list[float]] = {5.0: [], 20.0: [], 60.0: []}
+    for seed in range(6):
+        made = drive(seed)
+        found, truth = recon.run("smartphone", made.recording).trajectory, recon.Trajectory(made.recording["reference"])
+        late = float((time_ns(found.table)[0] - time_ns(truth.table)[0]) * 1e-9)
+        for span, each in squares.items():
+            start = np.linspace(1.0, found.duration - span - 1.0, 20)
+            moved, true = found.between(start, start + span), truth.between(start + late, start + span + late)
+            error = (moved.displacement - true.displacement)[:, :2]
+            spread = moved.displacement_covariance[:, :2, :2]
+            each.append(float(np.einsum("ni,nij,nj->n", error, np.linalg.inv(spread), error).mean()) / 2.0)
+    # Over 5 s what the acceleration errs by counts, which is no white noise; over 60 s the slow errors of 12 axes.
+    for span, (low, high) in {5.0: (0.2, 1.3), 20.0: (0.4, 1.6), 60.0: (0.4, 2.5)}.items():
+        assert low < np.mean(squares[span]) < high, span
