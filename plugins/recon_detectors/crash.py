@@ -120,9 +120,13 @@ def _across_gravity(t_ns: NDArray[np.int64], accel: Array, imu: pa.Table) -> tup
 def _up(t_ns: NDArray[np.int64], accel: Array) -> Array:
     """Direction of gravity (n, 3), from medians over blocks, which no impact moves, averaged over seconds."""
     size = max(round(_BLOCK_S * median_rate(t_ns)), 1)
-    blocks = np.array_split(np.arange(len(t_ns)), max(len(t_ns) // size, 1))
-    middle = np.array([t_ns[block[len(block) // 2]] for block in blocks])
-    smooth = moving_average(np.array([np.median(accel[block], axis=0) for block in blocks]), _UP_BLOCKS)
+    count = max(len(t_ns) // size, 1)
+    size, longer = divmod(len(t_ns), count)
+    cut = longer * (size + 1)
+    parts = (slice(None, cut), (longer, size + 1)), (slice(cut, None), (count - longer, size))
+    middle = np.concatenate([t_ns[rows].reshape(shape)[:, shape[1] // 2] for rows, shape in parts])
+    medians = [np.median(accel[rows].reshape(*shape, 3), axis=1) for rows, shape in parts]
+    smooth = moving_average(np.concatenate(medians), _UP_BLOCKS)
     inside = np.clip(t_ns, middle[0], middle[-1])
     up = interpolate(inside, middle, smooth)
     return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None])
