@@ -95,7 +95,7 @@ def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False)
         _section("made differently", found.runs, found.settings),
         _section("found" if everything else "found differently", found.runs, shown),
         _distances(found),
-        _errors(found),
+        errors_beside(found),
     ]
     if overlay is not None:
         files = [("export", str(path)) for path in exported(overlay)]
@@ -129,7 +129,7 @@ def _distances(found: Comparison) -> str:
     return "\n".join([console.table(rows), *_notes(found.distances)])
 
 
-def _errors(found: Comparison) -> str:
+def errors_beside(found: Comparison) -> str:
     """Errors of all runs beside each other, and what is to be said of them; "" without a reference."""
     if not found.errors:
         return ""

@@ -1,4 +1,4 @@
-"""`recon demo`: a simulated drive, its reconstruction, and how far the two are apart."""
+"""`recon demo`: a simulated drive, its reconstruction by two pipelines, and how far they are from the truth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from recon.api import Run
 
 SIMULATOR: Final = "simulator.drive"
-PIPELINE: Final = "thesis"
+PIPELINE: Final = "best_accuracy"
+SIMPLER: Final = "thesis"
+"""The pipeline that the errors are shown beside."""
 
 
 def demo(
@@ -32,37 +34,44 @@ def demo(
     from recon.registry import Registry
     from recon.storage import refuse_existing
 
-    drive, thesis = out / "drive", out / PIPELINE
-    for folder in (drive, thesis):
+    drive, best, simple = (out / name for name in ("drive", PIPELINE, SIMPLER))
+    for folder in (drive, best, simple):
         refuse_existing(folder, overwrite)
     registry = Registry.installed()
-    with accounted({"the drive": drive, "the reconstruction": thesis}):
+
+    def made(pipeline: Pipeline, source: Path | None, folder: Path) -> Run:
         with progress() as shown:
-            made = Pipeline.of("drive", SIMULATOR)
-            execute(made, None, drive, [], registry=registry, overwrite=overwrite, progress=shown)
-        with progress() as shown:
-            found = Pipeline.from_file(PIPELINE)
-            run = execute(found, drive, thesis, [], registry=registry, overwrite=overwrite, progress=shown)
-        console.write(_as_text(run, drive, thesis))
+            return execute(pipeline, source, folder, [], registry=registry, overwrite=overwrite, progress=shown)
+
+    with accounted({"the drive": drive, f"the result of '{PIPELINE}'": best, f"the result of '{SIMPLER}'": simple}):
+        made(Pipeline.of("drive", SIMULATOR), None, drive)
+        runs = [made(Pipeline.from_file(folder.name), drive, folder) for folder in (best, simple)]
+        console.write(_as_text(drive, runs))
 
 
-def _as_text(run: Run, drive: Path, thesis: Path) -> str:
+def _as_text(drive: Path, runs: list[Run]) -> str:
     from recon.api import evaluate
+    from recon.cli.compare import errors_beside
     from recon.cli.evaluate import as_text as errors_as_text
+    from recon.comparison import compare
 
+    best = runs[0]
     further = [
-        (f"recon measure {thesis} --from 30s --to 60s", "distance and bearing"),
-        (f"recon inspect {thesis}", "what is in the result"),
-        (f"recon export {thesis} csv", "tables for a spreadsheet"),
+        (f"recon measure {best.folder} --from 30s --to 60s", "distance and bearing"),
+        (f"recon inspect {best.folder}", "what is in the result"),
+        (f"recon export {best.folder} report", "a page to read and print"),
         (f"recon run {PIPELINE} LOG", "the same for a log of yours"),
     ]
     return "\n".join(
         [
             f"simulated: {drive}",
-            f"reconstructed by pipeline '{PIPELINE}': {thesis}",
-            as_text(run),
+            f"reconstructed by pipeline '{PIPELINE}': {best.folder}",
+            as_text(best),
             "",
-            errors_as_text("against the truth", evaluate(run)),
+            errors_as_text("against the truth", evaluate(best)),
+            "",
+            f"beside the pipeline '{SIMPLER}', a step for each of the thesis' methods",
+            errors_beside(compare(runs)),
             "",
             "next",
             console.table(further),

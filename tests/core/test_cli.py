@@ -651,7 +651,8 @@ def test_the_demo_compares_with_the_truth_and_is_not_overwritten(cli: Cli, tmp_p
     assert ended.code == 0
     assert "against the truth\n" in ended.out
     assert "position, horizontal [m]" in ended.out
-    assert entries(tmp_path / "recon-demo") == {"drive", "thesis"}
+    assert "rms error against the reference  best_accuracy  thesis\n" in ended.out
+    assert entries(tmp_path / "recon-demo") == {"drive", "best_accuracy", "thesis"}
     again = cli("demo")
     assert (again.code, again.out) == (2, "")
 

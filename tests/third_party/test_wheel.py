@@ -62,7 +62,7 @@ def test_the_wheel_holds_the_templates_of_new_plugins(home: Path, tmp_path: Path
 
 def test_the_demo_runs_from_the_wheel(home: Path, tmp_path: Path) -> None:
     done = python("-m", "recon", "demo", "--out", "demo", home=home, cwd=tmp_path)
-    assert (tmp_path / "demo" / "thesis" / "manifest.json").is_file()
+    assert (tmp_path / "demo" / "best_accuracy" / "manifest.json").is_file()
     assert "Traceback" not in done.stderr
 
 
