@@ -94,6 +94,7 @@ def _facts(fleet: Fleet, report: Report) -> dict[str, Any]:
         "done": report.done,
         "done_before": report.kept,
         "failed": len(report.failures),
+        "superseded": report.superseded,
         "stopped": report.stopped,
         "failures": [
             {"job": one.drive.key, "input": str(one.drive.place), "code": one.outcome.code, "reason": one.outcome.text}
@@ -103,10 +104,14 @@ def _facts(fleet: Fleet, report: Report) -> dict[str, Any]:
 
 
 def _text(facts: dict[str, Any]) -> str:
+    from recon.fleet.root import SUPERSEDED
+
     rows = [(key.replace("_", " "), str(facts[key])) for key in ("done", "done_before", "failed", "output")]
     lines = [console.table(rows)]
     counts = Counter(failure["code"] for failure in facts["failures"])
     lines += [f"failed: {count} {code}" for code, count in counts.most_common()]
+    if facts["superseded"]:
+        lines.append(f"{facts['superseded']} older results of failed drives were moved to {SUPERSEDED} in the output")
     if facts["stopped"]:
         lines.append("stopped at the first failure (on_error: stop)")
     return "\n".join(lines)

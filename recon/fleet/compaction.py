@@ -1,8 +1,7 @@
 """All results of a fleet in three files: ROOT/jobs.parquet, ROOT/events.parquet and ROOT/metrics.parquet.
 
 They are made from the manifests and streams of the results, and from what failed. Rows are sorted by vehicle and drive.
-A drive whose last attempt failed is in `jobs` with its reason, and in the others not at all, also where an older result
-of it is still in its folder.
+A drive whose last attempt failed has no result; it is in `jobs` with its reason, and in the others not at all.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from recon.errors import (
     StorageError,
     UnknownFormat,
 )
-from recon.fleet.places import Place, Stamp, fetch, stamp
+from recon.fleet.places import Place, Stamp, fetch, stamp, without_query
 from recon.fleet.root import root_of
 from recon.jobs import FAULT, OUT_OF_MEMORY, Outcome
 from recon.overrides import Override
@@ -164,7 +164,7 @@ def _stamped(place: Place) -> Stamp:
     try:
         found = stamp(place)
     except OSError as error:
-        raise ReadFailed(str(place), f"it cannot be read: {error}") from error
+        raise ReadFailed(str(place), f"it cannot be read: {without_query(error)}") from error
     if found is None:
         raise ReadFailed(str(place), "there is no such file or folder")
     return found

@@ -101,12 +101,13 @@ Told: TypeAlias = Callable[[State], None]
 
 @dataclass(frozen=True)
 class Report:
-    """What became of a batch."""
+    """What became of a batch. superseded : older results of drives that failed, which were moved out of the dataset"""
 
     done: int
     kept: int
     failures: Sequence[Failure] = field(default_factory=list)
     stopped: bool = False
+    superseded: int = 0
 
 
 def load(file: Path, registry: Registry, executor: str = "") -> Fleet:
@@ -194,6 +195,8 @@ def _verified(root: Root, drive: Drive, manifest: Mapping[str, Any]) -> bool:
 def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Report:
     """Do what is to be done, and bring the files of the whole fleet up to date.
 
+    A result is only there for a drive that did not fail the last time, so that the dataset says what `jobs` says.
+
     only : a vehicle, where not all are to be done
     Raises ConfigError where another batch is at work on the output, StorageError where that cannot be written.
     """
@@ -203,7 +206,7 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
         told(State(len(todo), len(made)))
         before = _failed_before(fleet, made)
         failures: list[Failure] = []
-        done = 0
+        done = superseded = 0
         with closing(_outcomes(fleet, todo, len(made), told)) as outcomes:
             for drive, outcome in outcomes:
                 before.pop(drive.key, None)
@@ -211,11 +214,12 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
                 if outcome.ok:
                     continue
                 failures.append(Failure(drive, outcome))
+                superseded += fleet.root.set_aside(drive.key)
                 if fleet.batch.on_error == "stop":
                     break
         if len(todo) or before or not is_current(fleet.root, made):
             compact(fleet.root, {**before, **{failure.drive.key: failure.row() for failure in failures}})
-    return Report(done, len(made), failures, stopped=done + len(failures) < len(todo))
+    return Report(done, len(made), failures, stopped=done + len(failures) < len(todo), superseded=superseded)
 
 
 def _failed_before(fleet: Fleet, made: Mapping[str, str]) -> dict[str, dict[str, Any]]:

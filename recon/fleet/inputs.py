@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from recon.batch import BatchFile, Inputs
 from recon.errors import ConfigError
-from recon.fleet.places import Place, Stamp, glob, stamp, stamp_of
+from recon.fleet.places import Place, Stamp, glob, stamp, stamp_of, without_query
 from recon.problems import Problem, Where, shortened
 
 _SAFE: Final = " !#$&'()+,;@[]^`{}~"
@@ -110,12 +110,14 @@ def find(batch: BatchFile) -> Drives:
             continue
         except (OSError, ValueError) as error:
             text = f"{inputs.list_file or inputs.glob} cannot be listed: {error}"
-            problems.append(Problem(where, "unreadable-input", text))
+            problems.append(Problem(where, "unreadable-input", without_query(text)))
             continue
         parts.append(found)
         if not len(found):
             text = f"nothing matches {inputs.glob}" if inputs.glob else f"{inputs.list_file} lists no drive"
-            problems.append(Problem(where, "no-input", text, "paths are relative to the folder of the batch file"))
+            problems.append(
+                Problem(where, "no-input", without_query(text), "paths are relative to the folder of the batch file")
+            )
     problems += _doubles(parts, batch)
     if problems:
         raise ConfigError(problems)

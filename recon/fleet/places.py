@@ -2,6 +2,7 @@
 
 Credentials and regions are found as the clouds' own tools find them (environment, configuration files, roles). What
 stands behind a `?` is given to pyarrow: s3://bucket/logs?region=eu-central-1&endpoint_override=http://localhost:9000
+It may be secret (a SAS token of Azure, for instance), and is shown nowhere.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ Stamp: TypeAlias = tuple[int, int]
 
 _URI: Final = re.compile(r"([a-z][a-z0-9+.-]+://[^/?]*)([^?]*)(\?.*)?")
 _WILD: Final = re.compile(r"[*?\[]")
+_FLAT: Final = ("gs://", "gcs://")
+"""Stores of which pyarrow lists objects only: there a folder is what names of objects have in common."""
+_QUERY: Final = re.compile(r"(://[^\s?]*)\?\S*")
 _CHUNK: Final = 1024
 """Paths that are asked for together."""
 
@@ -58,12 +62,13 @@ class Place:
         return _opened(self.head, self.query)[0]
 
     def __str__(self) -> str:
-        """The path, or the URI without what stands behind a `?` or before an `@`, which may be secret."""
+        """The path, or the URI without its query and without a user that has a password: these may be secret."""
         if self.is_local:
             return self.path
         base = _opened(self.head, self.query)[1].strip("/")
         scheme, _, authority = self.head.partition("://")
-        return f"{scheme}://{authority.rpartition('@')[2]}/{self.path.removeprefix(base).strip('/')}"
+        user, _, host = authority.rpartition("@")
+        return f"{scheme}://{host if ':' in user else authority}/{self.path.removeprefix(base).strip('/')}"
 
     def at(self, path: str) -> Place:
         """Another path of the same filesystem."""
@@ -88,8 +93,7 @@ def stamp(place: Place) -> Stamp | None:
 
     (info,) = place.filesystem.get_file_info([place.path])
     if info.type == fs.FileType.Directory:
-        below = place.filesystem.get_file_info(fs.FileSelector(place.path, recursive=True))
-        files = [part for part in below if part.type == fs.FileType.File]
+        files = files_below(place)
         return sum(part.size for part in files), max((part.mtime_ns for part in files), default=0)
     return stamp_of(info)
 
@@ -97,6 +101,36 @@ def stamp(place: Place) -> Stamp | None:
 def stamp_of(info: Any) -> Stamp | None:
     """The stamp of a file from its FileInfo; None for a folder or nothing."""
     return None if info.size is None else (int(info.size), int(info.mtime_ns))
+
+
+def below(place: Place, *, deep: bool = False) -> list[Any]:
+    """FileInfo of what lies in a folder, `deep` also in its folders; none where no folder is. Raises OSError."""
+    from pyarrow import fs
+
+    flat = place.head.startswith(_FLAT)
+    selector = fs.FileSelector(place.path or "/", recursive=deep or flat, allow_not_found=True)
+    found: list[Any] = place.filesystem.get_file_info(selector)
+    if not flat:
+        return found
+    start = len(place.path) + 1
+    infos = {info.path: info for info in found}
+    for path in list(infos):
+        while "/" in path[start:]:
+            path = path.rpartition("/")[0]
+            infos.setdefault(path, fs.FileInfo(path, fs.FileType.Directory))
+    return [info for path, info in infos.items() if deep or "/" not in path[start:]]
+
+
+def files_below(place: Place) -> list[Any]:
+    """FileInfo of all files of a folder and its folders. Raises OSError."""
+    from pyarrow import fs
+
+    return [info for info in below(place, deep=True) if info.type == fs.FileType.File]
+
+
+def without_query(told: object) -> str:
+    """A text or error without the queries of URIs in it, which may be secret."""
+    return _QUERY.sub(r"\1", str(told))
 
 
 def glob(pattern: Place) -> Iterator[tuple[Place, Stamp]]:
@@ -136,7 +170,7 @@ def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[
         return [f"{path}/{part}"]
     deep = part == "**"
     try:
-        infos = pattern.filesystem.get_file_info(fs.FileSelector(path or "/", recursive=deep, allow_not_found=True))
+        infos = below(pattern.at(path), deep=deep)
     except NotADirectoryError:
         return []
     wanted = [info for info in infos if not folders_only or info.type == fs.FileType.Directory]
@@ -157,6 +191,9 @@ def fetch(place: Place, folder: Path) -> Path:
         (info,) = place.filesystem.get_file_info([place.path])
         if info.type == fs.FileType.NotFound:
             raise ReadFailed(str(place), "there is no such file or folder")
+        for part in below(place, deep=True) if info.type == fs.FileType.Directory else []:
+            if part.type == fs.FileType.Directory:
+                (target / part.path[len(place.path) + 1 :]).mkdir(parents=True, exist_ok=True)
         fs.copy_files(
             place.path,
             target.as_posix(),
@@ -164,5 +201,5 @@ def fetch(place: Place, folder: Path) -> Path:
             destination_filesystem=fs.LocalFileSystem(),
         )
     except OSError as error:
-        raise ReadFailed(str(place), f"it cannot be fetched: {error}") from error
+        raise ReadFailed(str(place), f"it cannot be fetched: {without_query(error)}") from error
     return target

@@ -2,6 +2,8 @@
 
 A local result is renamed to its place as a whole. An object store renames nothing: there the files are uploaded and
 the manifest last, and what is replaced loses its manifest first.
+A result that is no more what the batch would make, and that could not be made anew, is moved to ROOT/_superseded, where
+no reader of the dataset looks.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import shutil
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from secrets import token_hex
@@ -19,10 +21,12 @@ from typing import Any, Final
 
 from recon.errors import StorageError
 from recon.fleet.lock import leased, locked
-from recon.fleet.places import Place
+from recon.fleet.places import Place, below, files_below, without_query
 from recon.storage.atomic import MANIFEST, MARK, refuse_existing, storage_errors
 
 SCRATCH: Final = ".scratch"
+SUPERSEDED: Final = "_superseded"
+"""Spark and pyarrow pass over names that begin so."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,10 @@ class Root(ABC):
     @abstractmethod
     def commit(self, folder: Path, key: str) -> None:
         """Make a whole local result the result `key`, in place of an older one. Raises StorageError, ConfigError."""
+
+    @abstractmethod
+    def set_aside(self, key: str) -> bool:
+        """Move the result `key` to SUPERSEDED, in place of an older one there. Was there any? Raises StorageError."""
 
     @abstractmethod
     def put(self, file: Path, name: str) -> None:
@@ -72,11 +80,10 @@ class Root(ABC):
             for drive in self._folders(vehicle, "drive=")
         )
 
-    def _folders(self, below: str, prefix: str) -> list[str]:
+    def _folders(self, folder: str, prefix: str) -> list[str]:
         from pyarrow import fs
 
-        start = (self.place / below).path.rstrip("/")
-        infos = self.place.filesystem.get_file_info(fs.FileSelector(start, allow_not_found=True))
+        infos = below(self.place / folder if folder else self.place)
         return [i.base_name for i in infos if i.type == fs.FileType.Directory and i.base_name.startswith(prefix)]
 
 
@@ -128,6 +135,17 @@ class LocalRoot(Root):
                 final.rename(folder.with_name(f"{folder.name}.replaced"))
             folder.rename(final)
 
+    def set_aside(self, key: str) -> bool:
+        """Rename."""
+        final, aside = self.folder / key, self.folder / SUPERSEDED / key
+        if not final.exists():
+            return False
+        with storage_errors(aside):
+            shutil.rmtree(aside, ignore_errors=True)
+            aside.parent.mkdir(parents=True, exist_ok=True)
+            final.rename(aside)
+        return True
+
     def put(self, file: Path, name: str) -> None:
         """Rename."""
         with storage_errors(self.folder / name):
@@ -153,19 +171,28 @@ class StoreRoot(Root):
 
     def commit(self, folder: Path, key: str) -> None:
         """Upload, the manifest last."""
-        filesystem, final = self.place.filesystem, (self.place / key).path
+        final = self.place / key
         files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-        with _upload_errors(f"{self.place}/{key}"):
-            with suppress(FileNotFoundError):
-                filesystem.delete_file(f"{final}/{MANIFEST}")
-            filesystem.delete_dir_contents(final, missing_dir_ok=True)
+        with _upload_errors(str(final)):
+            _clear(final)
             for path in sorted(files, key=lambda path: path == folder / MANIFEST):
-                _upload(path, filesystem, f"{final}/{path.relative_to(folder).as_posix()}")
+                _upload(path, final / path.relative_to(folder).as_posix())
+
+    def set_aside(self, key: str) -> bool:
+        """Copy, then delete."""
+        final, aside = self.place / key, self.place / SUPERSEDED / key
+        with _upload_errors(str(aside)):
+            _clear(aside)
+            files = [info.path for info in files_below(final)]
+            for path in files:
+                self.place.filesystem.copy_file(path, f"{aside.path}{path.removeprefix(final.path)}")
+            _clear(final)
+        return bool(files)
 
     def put(self, file: Path, name: str) -> None:
         """Upload."""
         with _upload_errors(f"{self.place}/{name}"):
-            _upload(file, self.place.filesystem, (self.place / name).path)
+            _upload(file, self.place / name)
 
 
 def root_of(place: Place) -> Root:
@@ -173,8 +200,15 @@ def root_of(place: Place) -> Root:
     return LocalRoot(place) if place.is_local else StoreRoot(place)
 
 
-def _upload(file: Path, filesystem: Any, path: str) -> None:
-    with file.open("rb") as source, filesystem.open_output_stream(path) as target:
+def _clear(folder: Place) -> None:
+    """Delete what is in a folder of a store, the manifest first: without it the rest is no result."""
+    manifest = f"{folder.path}/{MANIFEST}"
+    for path in sorted((info.path for info in files_below(folder)), key=lambda path: path != manifest):
+        folder.filesystem.delete_file(path)
+
+
+def _upload(file: Path, place: Place) -> None:
+    with file.open("rb") as source, place.filesystem.open_output_stream(place.path) as target:
         shutil.copyfileobj(source, target, 1 << 20)
 
 
@@ -183,4 +217,5 @@ def _upload_errors(target: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise StorageError(f"{target} could not be written: {error}", "look at the store's rights and quota") from error
+        text = f"{target} could not be written: {without_query(error)}"
+        raise StorageError(text, "look at the store's rights and quota") from error

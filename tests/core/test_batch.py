@@ -11,6 +11,7 @@ import pytest
 from fleets import BATCH, finish, fleet, keys, made, results
 
 from recon.cli import main
+from recon.fleet.root import SUPERSEDED
 
 GOOD = {f"{vehicle}/d{number}": f"good {number + 1}" for vehicle in ("A12", "B7") for number in range(3)}
 
@@ -169,6 +170,23 @@ def test_a_mended_drive_is_no_failure_any_more(small: Path) -> None:
     (small.parent / "logs/A12/d1.txt").write_text("good 5", encoding="utf-8")
     assert main(["batch", str(small)]) == 0
     assert {row["status"] for row in rows(small.parent / "results")} == {"ok"}
+
+
+def test_a_result_that_cannot_be_made_anew_leaves_the_dataset(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["batch", str(small)]) == 0
+    root = small.parent / "results"
+    older = results(root)["vehicle=A12/drive=d1"]
+    (small.parent / "logs/A12/d1.txt").write_text("raise 0", encoding="utf-8")
+    assert told(capsys, "batch", str(small))["superseded"] == 1
+    failed = {(row["vehicle"], row["drive"]) for row in rows(root) if row["status"] == "failed"}
+    assert failed == {("A12", "d1")}
+    for name in ("events", "metrics"):
+        found = pq.read_table(root / f"{name}.parquet", columns=["vehicle", "drive"]).to_pylist()
+        assert not failed & {(row["vehicle"], row["drive"]) for row in found}
+    assert set(results(root)) == keys(GOOD) - {"vehicle=A12/drive=d1"}
+    assert len(list(root.glob("vehicle=*/drive=*/streams/imu.parquet"))) == len(GOOD) - 1
+    assert results(root / SUPERSEDED) == {"vehicle=A12/drive=d1": older}
+    assert told(capsys, "batch", str(small))["superseded"] == 0
 
 
 def test_every_bad_drive_has_its_reason_and_every_good_one_its_result(tmp_path: Path) -> None:

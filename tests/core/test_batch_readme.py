@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import re
 from pathlib import Path
 
@@ -67,6 +68,19 @@ def test_the_third_query_tells_the_fastest_second(folder: Path, monkeypatch: pyt
     }
     assert len(found) == 3
     assert all(0.9 * top[row[0], row[1]] < row[2] / 3.6 < top[row[0], row[1]] + 0.01 for row in found)
+
+
+def test_polars_and_pandas_read_what_duckdb_reads(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    names = {"glob": glob, "pandas": pytest.importorskip("pandas"), "polars": pytest.importorskip("polars")}
+    exec(re.search(r"```python\n(trajectories = .*?)```", README, flags=re.DOTALL)[1], names)
+    query = f"SELECT vehicle, drive, count(*) FROM '{names['trajectories']}' GROUP BY ALL ORDER BY ALL"
+    expected = rows(folder, query, monkeypatch)
+    assert [row[:2] for row in expected] == [("A12", "d1"), ("A12", "d2"), ("B7", "d1")]
+    lazy = names["lazy"].group_by("vehicle", "drive").len().sort("vehicle", "drive").collect()
+    assert lazy.rows() == expected
+    sizes = names["table"].astype({"vehicle": str, "drive": str}).groupby(["vehicle", "drive"]).size()
+    assert [(*key, count) for key, count in sizes.items()] == expected
 
 
 def test_the_summary_names_hours_and_kilometres(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
