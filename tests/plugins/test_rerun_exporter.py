@@ -242,7 +242,7 @@ def test_equal_streams_give_equal_files_but_for_the_identifiers_of_rows(tmp_path
 
 def test_a_file_is_dated_by_the_run_and_not_by_its_export(tmp_path):
     path = export(tmp_path, trajectory=moving())
-    column = "property:RecordingInfo:start_time"
+    column = "RecordingInfo:start_time"
     told = [batch[column] for batch in chunks(path, "/__properties", static=True) if column in batch.schema.names]
     assert [batch.flatten().cast(pa.int64()).to_pylist() for batch in told] == [[START_NS]]
 
