@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 
+from recon.findings import PREFIX
 from recon.numerics.doctor import Claims, Finding
 from recon.numerics.doctor.units import ACCELERATIONS, RATES, SPEEDS, scale_of
 from recon.pipeline import Pipeline, Step
@@ -18,7 +18,6 @@ from recon.problems import Where
 from recon.rows import Metric
 from recon.yaml_nodes import Node
 
-PREFIX: Final = "finding_"
 _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "speed_unit": SPEEDS,
     "accel_unit": ACCELERATIONS,
@@ -66,14 +65,6 @@ def metric_of(one: Finding) -> Metric:
 
 def _rounded(values: Sequence[float] | np.ndarray) -> list[float]:
     return [float(f"{value:.6g}") for value in np.asarray(values)]
-
-
-def findings_in(metrics: pa.Table | None) -> list[Json]:
-    """The findings among rows of metrics, each as `as_data` gives it, perhaps with `evidence`."""
-    if metrics is None:
-        return []
-    rows = metrics.select(["name", "note"]).to_pylist()
-    return [json.loads(row["note"]) for row in rows if (row["name"] or "").startswith(PREFIX)]
 
 
 def fix_of(one: Finding, claims: Claims, reader: str, letters: str, position_lag: float | None = None) -> Fix:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from recon.doctor import PREFIX
+from recon.findings import PREFIX
 from recon_exporters._chart import Window, figure
 from recon_exporters._panels import Curve, Panel
 

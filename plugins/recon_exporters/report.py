@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from recon.doctor import findings_in
+from recon.findings import findings_in
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import Params, quantity

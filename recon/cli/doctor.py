@@ -46,7 +46,7 @@ def doctor(
     Example: recon doctor drive.txt --write fixed.yaml
     """
     from recon import api
-    from recon.doctor import findings_in
+    from recon.findings import findings_in
     from recon.pipeline import Pipeline
 
     overrides = overrides_of(settings)

@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from recon.doctor import findings_in
+from recon.findings import findings_in
 from recon.numerics.rotation import from_rotvec, normalize, rotate, to_euler, to_matrix
 from recon.rows import Metric, metrics
 from recon.tables import Streams, matrix, replace, select_rows, time_ns, times, vector

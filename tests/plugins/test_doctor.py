@@ -13,8 +13,8 @@ from benchmarks import doctor as benchmark
 import recon
 from recon import GNSS, IMU, build
 from recon.cli import main
-from recon.doctor import findings_in
 from recon.errors import NotEnoughData
+from recon.findings import findings_in
 from recon.numerics.doctor import CODES
 from recon.pipeline import Pipeline
 from recon.rows import warnings_of
