@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from recon.tables import matrix, time_ns
+from recon_exporters.blender import own_environment
 
 INSIDE = Path(__file__).with_name("blender") / "look_inside.py"
 SINGLE = 2.0**-24
@@ -43,8 +44,8 @@ class Seen:
 def run_inside(program: list[str], script: Path, *words: str, **env: str) -> str:
     """Run a script in Blender; what it said."""
     command = [*program, str(script), *(["--"] if "--python" in program else []), *words]
-    quiet = {**os.environ, "PYTHONPATH": "", **env}
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=quiet, check=False)
+    own = {**own_environment(program), **env}
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=own, check=False)
     return done.stdout + done.stderr
 
 

@@ -142,11 +142,25 @@ def find_blender(wanted: str) -> list[str]:
     return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python"]
 
 
+def own_environment(program: list[str]) -> dict[str, str]:
+    """The variables with which Blender finds its own Python and packages, and no other's.
+
+    A Blender that a Linux distribution built, unlike those of blender.org, asks PYTHONHOME and PYTHONPATH, and takes
+    the first python3.x on the PATH for its own, with its packages: pyenv's, or that of an active virtual environment.
+    The Python that runs this keeps what it was started with.
+    """
+    quiet = {"PYTHONDONTWRITEBYTECODE": "1"}
+    if program[0] == sys.executable:
+        return {**os.environ, **quiet}
+    others = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
+    beside = str(Path(program[0]).resolve().parent)
+    return {**others, "PATH": os.pathsep.join((beside, os.environ.get("PATH", os.defpath))), **quiet}
+
+
 def run_builder(program: list[str], folder: Path) -> None:
     """Make the scene. Raises PluginError with Blender's last word where it fails."""
-    quiet = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [*program, str((folder / "build_scene.py").resolve())]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=quiet, check=False)
+    command, own = [*program, str((folder / "build_scene.py").resolve())], own_environment(program)
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=own, check=False)
     if done.returncode or not (folder / "scene.blend").is_file():
         said = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
         last = next((line for line in reversed(said) if "Error" in line), said[-1] if said else "it said nothing")
