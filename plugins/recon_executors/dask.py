@@ -23,6 +23,7 @@ from uuid import uuid4
 
 from recon import Executor, Params, hookimpl, setting
 from recon.errors import PluginBroken
+from recon.extras import needs
 from recon.jobs import DIED, FAULT, Job, Outcome
 from recon_executors._worker import Worker
 
@@ -69,10 +70,8 @@ def dask(jobs: Iterable[Job], params: DaskParams) -> Iterator[Outcome]:
 
 def _distributed() -> Any:
     """The package, which has no types for what is used here."""
-    try:
+    with needs("executor.dask", "Dask", extra="dask"):
         return import_module("distributed")
-    except ImportError as error:
-        raise PluginBroken("executor.dask needs Dask", "pip install 'recon-dynamics[dask]'") from error
 
 
 @contextmanager

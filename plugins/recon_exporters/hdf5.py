@@ -27,7 +27,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon import __version__
-from recon.errors import PluginError
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import NoParams
@@ -41,10 +41,8 @@ _GZIP: Final = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "
 
 def hdf5(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
     """Write `folder/recording.h5`; its path. Raises PluginError where h5py is not installed."""
-    try:
+    with needs("exporter.hdf5", "h5py", extra="hdf5"):
         import h5py
-    except ModuleNotFoundError as error:
-        raise PluginError("exporter.hdf5 needs h5py", "pip install recon-dynamics[hdf5]") from error
     path = folder / "recording.h5"
     manifest = {key: value for key, value in about.manifest.items() if key != "environment"}
     with h5py.File(path, "w") as file:

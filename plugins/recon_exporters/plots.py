@@ -24,7 +24,8 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import DataError, PluginError
+from recon.errors import DataError
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import Params, quantity, setting
@@ -68,12 +69,8 @@ def plots(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, para
 
     Raises DataError where there is nothing to draw, PluginError where Matplotlib is not installed.
     """
-    try:
+    with needs("exporter.plots", "matplotlib", extra="report"):
         from matplotlib import rc_context
-    except ModuleNotFoundError as error:
-        if error.name != "matplotlib":
-            raise
-        raise PluginError("exporter.plots needs matplotlib", "pip install recon-dynamics[report]") from error
     panels = panels_of(streams)
     groups = {panel.group: [p for p in panels if p.group == panel.group] for panel in panels}
     tracks, placed = paths_of(streams)

@@ -27,7 +27,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from recon.errors import DataError, PluginError
+from recon.errors import DataError
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import Params, quantity
@@ -53,12 +54,8 @@ def rerun(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, para
     thinned = {name: _thinned(name, table, params.rate) for name, table in streams.items()}
     if not any(table.num_rows for name, table in thinned.items() if name not in APPENDED):
         raise DataError("no stream has a row: there is nothing to draw")
-    try:
+    with needs("exporter.rerun", "rerun-sdk", extra="rerun"):
         from recon_exporters._rerun_file import write
-    except ModuleNotFoundError as error:
-        if error.name != "rerun":
-            raise
-        raise PluginError("exporter.rerun needs rerun-sdk", "pip install recon-dynamics[rerun]") from error
     path = folder / "run.rrd"
     write(path, thinned, about)
     return [path]

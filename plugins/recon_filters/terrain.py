@@ -31,7 +31,6 @@ from recon import (
     Filter,
     Metric,
     Params,
-    PluginError,
     Streams,
     build,
     hookimpl,
@@ -43,6 +42,7 @@ from recon import (
     vector,
     with_meta,
 )
+from recon.extras import needs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,13 +98,11 @@ def terrain(*, gnss: pa.Table, params: TerrainParams) -> Streams:
 
 def _looked_up(raster: Path, lat: Array, lon: Array) -> tuple[Array, Array, Array]:
     """Height m, slopes to the east and the north; (n,) each, NaN where the map does not tell."""
-    try:
+    with needs("filter.terrain", "rasterio", extra="terrain"):
         import rasterio
         from rasterio.errors import RasterioError
         from rasterio.warp import transform
         from rasterio.windows import Window
-    except ModuleNotFoundError as error:
-        raise PluginError("filter.terrain needs rasterio", "pip install recon-dynamics[terrain]") from error
     try:
         with rasterio.open(raster) as file:
             if file.crs is None:

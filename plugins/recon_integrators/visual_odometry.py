@@ -51,7 +51,8 @@ from recon import (
     warning,
     with_meta,
 )
-from recon.errors import DataError, PluginError
+from recon.errors import DataError
+from recon.extras import needs
 from recon.numerics.epipolar import TwoViews, forward, parallax, sampson, two_views
 from recon.numerics.rotation import from_euler, from_matrix, to_matrix
 from recon_integrators._pictures import Grey, pictures
@@ -135,10 +136,8 @@ def visual_odometry(*, frames: pa.Table, params: VisualOdometryParams) -> Stream
     frames : time; file, relative to the folder; index, the number of the frame in a video
     raises : DataError where no image can be read or the camera is not theirs, PluginError where OpenCV is missing
     """
-    try:
+    with needs("integrator.visual_odometry", "OpenCV", extra="vision"):
         import cv2  # noqa: F401
-    except ImportError as error:
-        raise PluginError("integrator.visual_odometry needs OpenCV", "pip install 'recon-dynamics[vision]'") from error
     rows = _apart(time_ns(frames), params.interval)
     seen = _Seen(frames.take(pa.array(rows)), params)
     motions = list(seen.motions())

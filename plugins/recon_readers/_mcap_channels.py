@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from recon.errors import PluginError
+from recon.extras import needs
 from recon.rows import Metric, warning
 from recon.storage.mcap import Clipped, whole_records
 from recon.tables import Array
@@ -152,12 +152,8 @@ def _from_json(messages: Sequence[bytes], paths: Collection[str]) -> tuple[dict[
 
 def _from_protobuf(schema: Schema, reader: str) -> Callable[..., tuple[dict[str, Array], Mask]]:
     """Raises ValueError for a descriptor that cannot be read, PluginError where the decoder is not installed."""
-    try:
+    with needs(reader, "mcap-protobuf-support for this log", extra="mcap"):
         from mcap_protobuf.decoder import DecoderFactory
-    except ImportError as error:
-        raise PluginError(
-            f"{reader} needs mcap-protobuf-support for this log", "pip install 'recon-dynamics[mcap]'"
-        ) from error
     try:
         parse = DecoderFactory().decoder_for("protobuf", schema)
     except Exception as error:

@@ -18,7 +18,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.errors import PluginError
+from recon.extras import needs
 from recon.tables import Array
 from recon_readers._time_order import Mask
 
@@ -62,10 +62,8 @@ def definitions(name: str, text: str, language: str, reader: str) -> Types:
 
     Raises ValueError for a text that is no definition, PluginError where rosbags is not installed.
     """
-    try:
+    with needs(reader, "rosbags for this log", extra="rosbag"):
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-    except ImportError as error:
-        raise PluginError(f"{reader} needs rosbags for this log", "pip install 'recon-dynamics[rosbag]'") from error
     try:
         if not text.strip():
             parsed = get_typestore(Stores.ROS2_HUMBLE).fielddefs

@@ -19,7 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from recon.errors import PluginError, ReadFailed
+from recon.errors import ReadFailed
+from recon.extras import needs
 from recon.rows import Metric, warning
 from recon_readers._collector import Language
 from recon_readers._mcap_channels import ros_language, unread
@@ -179,10 +180,8 @@ def _decompressed(compression: bytes, data: bytes) -> bytes:
 
 
 def _lz4() -> Callable[[bytes], bytes]:
-    try:
+    with needs("reader.rosbag", "lz4 for this bag", extra="rosbag"):
         from lz4.frame import LZ4FrameDecompressor
-    except ImportError as error:
-        raise PluginError("reader.rosbag needs lz4 for this bag", "pip install 'recon-dynamics[rosbag]'") from error
     return lambda data: bytes(LZ4FrameDecompressor().decompress(data, max_length=_LARGEST_CHUNK))
 
 

@@ -22,7 +22,8 @@ import numpy as np
 import pyarrow as pa
 from pydantic import field_validator
 
-from recon.errors import PluginError, ReadFailed
+from recon.errors import ReadFailed
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
 from recon.problems import shortened
@@ -158,10 +159,8 @@ def _listed(path: Path, params: FramesParams) -> _Frames:
 
 def _video(path: Path, params: FramesParams) -> _Frames:
     """The times at which the frames of a video are shown."""
-    try:
+    with needs("reader.frames", "av for videos", extra="video"):
         import av
-    except ImportError as error:
-        raise PluginError("reader.frames needs av for videos", "pip install 'recon-dynamics[video]'") from error
     try:
         with av.open(str(path)) as container:
             if not container.streams.video:

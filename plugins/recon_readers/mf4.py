@@ -31,6 +31,7 @@ from typing import Any, Final
 import numpy as np
 
 from recon.errors import NothingUsable, PluginError, ReadFailed
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.numerics.axes import turn
 from recon.parameters import Params, setting
@@ -73,10 +74,8 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
 
     Raises ReadFailed, NothingUsable without a mapping, PluginError where asammdf is not installed.
     """
-    try:
+    with needs("reader.mf4", "asammdf", extra="mf4"):
         from asammdf import MDF
-    except ImportError as error:
-        raise PluginError("reader.mf4 needs asammdf", "pip install 'recon-dynamics[mf4]'") from error
     try:
         with path.open("rb") as opened, MDF(opened) as file:
             return _streams(path, file, params, wanted)

@@ -24,7 +24,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.errors import PluginError, ReadFailed
+from recon.errors import ReadFailed
+from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.numerics.geodesy import Anchor
 from recon.parameters import NoParams
@@ -74,10 +75,8 @@ def read(path: Path, params: NoParams, wanted: Wanted = EVERYTHING) -> Streams:
 
 def _load(path: Path, topics: Sequence[str], log: Log) -> dict[tuple[str, int], Data]:
     """The topics by name and instance."""
-    try:
+    with needs("reader.ulog", "pyulog", extra="ulog"):
         from pyulog import ULog
-    except ImportError as error:
-        raise PluginError("reader.ulog needs pyulog", "pip install 'recon-dynamics[ulog]'") from error
     said = io.StringIO()
     try:
         with path.open("rb") as file, redirect_stdout(said):  # it prints what it finds damaged

@@ -116,13 +116,12 @@ def _draw(path: Path, found: Allan) -> None:
     """Deviations with what was fitted. Raises PluginError where Matplotlib is not installed."""
     import numpy as np
 
-    from recon.errors import PluginError, StorageError
+    from recon.errors import StorageError
+    from recon.extras import needs
     from recon.units import convert
 
-    try:
+    with needs("the plot", "matplotlib", extra="figures"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise PluginError("the plot needs matplotlib", "pip install recon-dynamics[figures]") from error
     figure = Figure(figsize=(6.7, 3.4), layout="constrained")
     shown = {"gyro": ("rad/s", "deg/s", "Gyroscope"), "accel": ("m/s^2", "ug", "Accelerometer")}
     axes = figure.subplots(1, 2)

@@ -155,12 +155,10 @@ def _keep(
 
 def _draw(path: Path, found: Mapping[float, list[Outage]]) -> None:
     """How the horizontal error grows in every outage. Raises PluginError where Matplotlib is not installed."""
-    from recon.errors import PluginError
+    from recon.extras import needs
 
-    try:
+    with needs("the plot", "matplotlib", extra="figures"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise PluginError("the plot needs matplotlib", "pip install recon-dynamics[figures]") from error
     figure = Figure(figsize=(6.7, 3.6), layout="constrained")
     axes = figure.subplots()
     for color, (length, some) in zip(

@@ -13,6 +13,7 @@ from recon.cli import _console as console
 from recon.cli._options import Blocked, FirstPartyOnly, registry_of
 from recon.cli._results import accounted
 from recon.errors import PluginError
+from recon.extras import missing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +55,7 @@ def _viewer() -> Path:
     folders = [Path(place) for place in (package.submodule_search_locations or ())] if package else []
     there = [folder / program for folder in folders for program in PROGRAMS if (folder / program).is_file()]
     if not there:
-        raise PluginError("recon view needs rerun-sdk", "pip install recon-dynamics[rerun]")
+        raise missing("recon view", "rerun-sdk", extra="rerun")
     return there[0]
 
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from recon.errors import PluginError
+from recon.extras import needs
 from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.tables import Streams, matrix, time_ns, vector
 
@@ -21,11 +21,9 @@ class LiveView:
     """
 
     def __init__(self, file: Path | None) -> None:
-        try:
+        with needs("a live view", "rerun-sdk", extra="rerun"):
             import rerun as rr
             import rerun.blueprint as rrb
-        except ImportError as error:
-            raise PluginError("a live view needs rerun-sdk", "pip install recon-dynamics[rerun]") from error
         self._rr = rr
         self._stream = rr.RecordingStream("recon live")
         if file is None:

@@ -93,4 +93,4 @@ def test_without_the_viewer_one_sentence_says_what_to_install(finished):
     """Python finds no package of a name that stands for None."""
     program = "import sys; sys.modules['rerun_cli'] = None; from recon.cli import main; main(['view', 'run'])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=finished)
-    assert done.stderr == "error: recon view needs rerun-sdk\n  pip install recon-dynamics[rerun]\n"
+    assert done.stderr == 'error: recon view needs rerun-sdk\n  pip install "recon-dynamics[rerun]"\n'

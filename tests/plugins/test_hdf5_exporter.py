@@ -109,6 +109,6 @@ def test_streams_without_rows_are_written(tmp_path):
 
 def test_without_h5py_one_sentence_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(PluginError, match=r"needs h5py(.|\n)*pip install recon-dynamics\[hdf5\]"):
+    with pytest.raises(PluginError, match=r'needs h5py(.|\n)*pip install "recon-dynamics\[hdf5\]"'):
         export(tmp_path, {})
     assert list(tmp_path.iterdir()) == []

@@ -81,7 +81,7 @@ def test_without_matplotlib_one_sentence_says_what_to_install(tmp_path, monkeypa
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(PluginError) as caught:
         export(tmp_path, streams())
-    assert str(caught.value) == "exporter.plots needs matplotlib\n  pip install recon-dynamics[report]"
+    assert str(caught.value) == 'exporter.plots needs matplotlib\n  pip install "recon-dynamics[report]"'
 
 
 def test_the_module_loads_without_matplotlib():

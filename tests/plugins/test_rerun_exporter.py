@@ -288,7 +288,7 @@ def test_without_the_package_one_sentence_says_what_to_install():
     )
     program = "\n".join(lines)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "exporter.rerun needs rerun-sdk\n  pip install recon-dynamics[rerun]"
+    assert done.stdout == 'exporter.rerun needs rerun-sdk\n  pip install "recon-dynamics[rerun]"'
 
 
 # --- real logs --------------------------------------------------------------------------------------------------------
