@@ -279,7 +279,14 @@ def _refuse(problems: Sequence[Problem], recording: Recording) -> None:
         raise ConfigError(problems)
     sources = ", ".join(recording.meta.get("sources", [])) or "the recording"
     text = f"{sources} does not hold what the pipeline needs: {problems[0].text}"
-    raise DataError(text, "'recon inspect' shows what is in it")
+    needs = {_need(problem): problem for problem in reversed(problems)}
+    further = [problem.text for problem in problems[1:] if needs[_need(problem)] is problem]
+    raise DataError(text, "\n  ".join([*further, "'recon inspect' shows what is in it"]))
+
+
+def _need(problem: Problem) -> str:
+    """What is missing, whichever step reads it."""
+    return problem.text.partition(" reads ")[2].partition(";")[0]
 
 
 def _names(paths: Source) -> str:

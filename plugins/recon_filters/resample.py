@@ -97,7 +97,8 @@ def resample(
         the ends and in gaps, are dropped. A group with an axis without any value drops nothing.
     attitude, trajectory : rows where they are not known are dropped; gnss, mag : null where unknown
     clock : its times are the time base
-    Raises DataError where the grid would have far more rows than the log, or both a rate and a clock are given.
+    Raises DataError where the grid would have far more rows than the log, both a rate and a clock are given, or the
+    sensors are never known together.
     """
     gap_ns, gnss_gap_ns = round(params.max_gap * 1e9), round(params.gnss_max_gap * 1e9)
     t_ns, rate, base = _time_base(time_ns(imu), clock, params.rate, gap_ns)
@@ -106,6 +107,11 @@ def resample(
     complete = np.ones(len(t_ns), dtype=bool)
     for group in groups:
         complete &= np.isfinite(matrix(filled, group, gaps=True)).all(axis=1)
+    if imu.num_rows and len(t_ns) and not complete.any():
+        raise DataError(
+            f"imu tells {' and '.join(groups)} within {params.max_gap:g} s at none of {len(t_ns)} times",
+            "do both sensors run, and at the same time? 'recon inspect' shows how many values are missing",
+        )
     streams = {"imu": select_rows(filled, complete)}
     for name, table, gap in (("attitude", attitude, gap_ns), ("trajectory", trajectory, gap_ns)):
         if table is not None:

@@ -70,8 +70,11 @@ class Files:
 
 
 def files_of(path: Path) -> Files:
-    """The files at a path. Raises ReadFailed for a zip that is none."""
+    """The files at a path, or in the one folder that is all that is in it. Raises ReadFailed for a broken zip."""
     if path.is_dir():
+        inside = [each for each in path.iterdir() if not each.name.startswith(".")]
+        if len(inside) == 1 and inside[0].is_dir():
+            return files_of(inside[0])
         found = [*path.glob("*"), *path.glob("*/*")]
         return Files(path, tuple(sorted(f.relative_to(path).as_posix() for f in found if f.is_file())))
     if not is_zip(path):

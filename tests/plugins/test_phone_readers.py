@@ -210,8 +210,27 @@ def test_samples_of_phyphox(logs: Path) -> None:
     assert one.num_rows == 3273
     # started at 1.705765879357105E9 s, the first row 2.784654166E-2 s later
     assert abs(int(time_ns(one)[0]) - 1705765879384951542) < 300
+    # downloaded into a folder of its own
+    assert time_ns(read(folder / "data")["imu"])[0] == time_ns(one)[0]
     other = read(folder / "omar_jumping_hand_data.csv")["imu"]
     assert schema_of(other)["accel_z"].quantity == "acceleration"
+
+
+@pytest.mark.parametrize(
+    ("sample", "missing"),
+    [
+        ("phyphox/data", ["'gnss'", "imu.gyro_x", "imu.accel_x, accel_y, accel_z as specific_force"]),
+        ("phyphox/omar_jumping_hand_data.csv", ["'gnss'", "imu.gyro_x"]),
+        ("sensor_logger/Location_head600.csv", ["'imu'"]),
+        ("gnsslogger/all_sensors.txt", ["'gnss'"]),
+        ("gnsslogger/pixel6.txt", ["accel and gyro within 0.5 s at none of 20 times"]),
+    ],
+)
+def test_a_run_on_a_sample_names_the_sensors_that_are_missing(logs: Path, sample: str, missing: list[str]) -> None:
+    with pytest.raises(DataError) as caught:
+        recon.run("smartphone", logs / "formats" / sample)
+    for one in missing:
+        assert one in str(caught.value)
 
 
 def test_samples_of_gnsslogger(logs: Path) -> None:

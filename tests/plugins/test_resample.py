@@ -249,3 +249,8 @@ def test_an_empty_imu_passes() -> None:
 
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_filters()] == [[]]
+
+
+def test_sensors_that_are_never_known_together_are_refused() -> None:
+    with pytest.raises(DataError, match=r"accel and gyro within 0\.5 s at none of 6 times"):
+        run(alternating(10.0 * np.arange(6)))
