@@ -147,8 +147,7 @@ def execute(
     refuse_existing(folder, overwrite=overwrite)
     _refuse_own_input(folder, _paths(inputs))
     finished = _run_into(folder, plan, inputs, registry, store or pipeline.store, overwrite, progress)
-    for step in exporters:
-        export_step(finished, step)
+    _export_all(finished, exporters)
     return finished
 
 
@@ -227,7 +226,25 @@ def export(
     plan, problems = check(with_exports(empty, names), registry, overrides, given=finished.recording.schemas())
     if problems:
         raise ConfigError(problems)
-    return [path for step in plan.steps for path in export_step(finished, step)]
+    return _export_all(finished, plan.steps)
+
+
+def _export_all(finished: Run, steps: Iterable[PlannedStep]) -> list[Path]:
+    """The files of all exporters. One that finds nothing to show, as a map without a place, does not stop the others.
+
+    Raises DataError for the first such one when all are done; its hint tells of the others.
+    """
+    files: list[Path] = []
+    empty: list[DataError] = []
+    for step in steps:
+        try:
+            files += export_step(finished, step)
+        except DataError as error:
+            empty.append(error)
+    if empty:
+        empty[0].hint = "\n".join(part for part in (empty[0].hint, *(error.message for error in empty[1:])) if part)
+        raise empty[0]
+    return files
 
 
 def export_step(finished: Run, step: PlannedStep) -> list[Path]:

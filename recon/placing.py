@@ -9,10 +9,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import DataError
-from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic
+from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodetic_to_enu
 from recon.numerics.signals import runs
 from recon.rows import Metric, spans, warning
-from recon.tables import Array, matrix, meta, replace, time_ns, with_meta
+from recon.tables import Array, has, matrix, meta, replace, time_ns, vector, with_meta
 
 EARTHS: Final = {"wgs84": WGS84, "sphere": SPHERE}
 """Figures of the Earth by the name that a stream's fact `earth` gives."""
@@ -99,6 +99,23 @@ def anchor_of(table: pa.Table | None) -> Anchor | None:
     """Origin of the local frame in which a stream's positions are given; None where it is not known."""
     facts = {} if table is None else meta(table)
     return Anchor(**facts["anchor"]) if "anchor" in facts else None
+
+
+def about_anchor(table: pa.Table, anchor: Anchor | None, datum: str) -> Array:
+    """Positions of a stream about an anchor, (n, 3) m, to lay streams over each other; NaN where not known there.
+
+    As they are where the anchor is the stream's own, else by latitude, longitude and height. A height above another
+    datum than the anchor's says nothing there: such a stream is laid at the height of the anchor.
+    """
+    if has(table, "pos") and anchor_of(table) == anchor:
+        return matrix(table, "pos", gaps=True)
+    if anchor is None or not (has(table, "lat") and has(table, "lon")):
+        return np.full((table.num_rows, 3), np.nan)
+    height = np.full(table.num_rows, anchor.height)
+    if has(table, "height") and str(meta(table).get("height_datum", "")) == datum:
+        height = vector(table, "height", gaps=True)
+    lat, lon = vector(table, "lat", gaps=True), vector(table, "lon", gaps=True)
+    return geodetic_to_enu(lat, lon, height, anchor, EARTHS[meta(table).get("earth", "wgs84")])
 
 
 def geolocate(trajectory: pa.Table, anchored: pa.Table | None) -> pa.Table:

@@ -36,10 +36,10 @@ from recon.numerics.integration import cumulative
 from recon.numerics.rotation import conjugate, rotate, sign_continuous, to_euler
 from recon.numerics.signals import differentiate, median_rate, moving_average
 from recon.parameters import Params, quantity, setting
-from recon.placing import anchor_of
+from recon.placing import about_anchor, anchor_of
 from recon.rows import spans
 from recon.tables import Array, matrix, meta, time_ns
-from recon_exporters._blender_shapes import about_anchor, fixes_of, ground_of, path_of
+from recon_exporters._blender_shapes import fixes_of, ground_of, path_of
 from recon_exporters._tracks import iso_8601
 
 Json = dict[str, Any]
@@ -151,7 +151,8 @@ def plan(
         position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(motion.t_ns[rows], outages)
     )
     keys |= ground_of(keys["path_position"])
-    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor)
+    datum = str(meta(trajectory).get("height_datum", ""))
+    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor, datum)
     keys |= _second(ghost, film, origin, flat, trajectory)
     scene = {
         "recon_scene": VERSION,
@@ -268,7 +269,7 @@ def _second(
     """Keys of the ghost. Raises DataError where the film shows no row of it in the frame of the trajectory."""
     if ghost is None:
         return {}
-    position = about_anchor(ghost, anchor_of(trajectory))
+    position = about_anchor(ghost, anchor_of(trajectory), str(meta(trajectory).get("height_datum", "")))
     q, t_ns = matrix(ghost, "q", gaps=True), time_ns(ghost)
     known = np.flatnonzero(np.isfinite(np.hstack((position, q))).all(axis=1) & film.shows(t_ns))
     if not len(known):

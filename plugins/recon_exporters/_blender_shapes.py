@@ -24,9 +24,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.numerics.geodesy import Anchor, geodetic_to_enu
-from recon.placing import EARTHS, anchor_of
-from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.numerics.geodesy import Anchor
+from recon.placing import about_anchor
+from recon.tables import Array, time_ns
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -47,17 +47,6 @@ _GRID: Final = 64
 _FAR: Final = np.array([30.0, 80.0, 200.0, 600.0, 2000.0, 6000.0])
 """m beyond the path where the ground has further lines."""
 _SUPPORT: Final = 400
-
-
-def about_anchor(table: pa.Table, anchor: Anchor | None) -> Array:
-    """Positions of a stream about an anchor, (n, 3) m; NaN where they are not known there."""
-    if has(table, "pos") and anchor_of(table) == anchor:
-        return matrix(table, "pos", gaps=True)
-    if anchor is None or not (has(table, "lat") and has(table, "lon")):
-        return np.full((table.num_rows, 3), np.nan)
-    lat, lon = vector(table, "lat", gaps=True), vector(table, "lon", gaps=True)
-    height = vector(table, "height", gaps=True) if has(table, "height") else np.full(table.num_rows, anchor.height)
-    return geodetic_to_enu(lat, lon, height, anchor, EARTHS[meta(table).get("earth", "wgs84")])
 
 
 def path_of(position: Array, heading: Array, std: Array, lost: NDArray[np.bool_]) -> Arrays:
@@ -131,14 +120,15 @@ def fixes_of(
     position: Array,
     origin: Array,
     anchor: Anchor | None,
+    datum: str,
 ) -> Arrays:
     """GNSS fixes that the film shows, at the height of the path: (m, 3); empty where none has a place.
 
-    t_ns, position : (n,), (n, 3) the path; origin : (3,) m about the anchor
+    t_ns, position : (n,), (n, 3) the path; origin : (3,) m about the anchor, whose height is above the datum
     """
     if gnss is None:
         return {"fixes": np.zeros((0, 3))}
-    place = about_anchor(gnss, anchor) - origin
+    place = about_anchor(gnss, anchor, datum) - origin
     told = time_ns(gnss)
     known = np.isfinite(place[:, :2]).all(axis=1) & shows(told)
     height = np.interp(told[known] - t_ns[0], t_ns - t_ns[0], position[:, 2])

@@ -22,8 +22,8 @@ import pyarrow.compute as pc
 import rerun as rr
 from numpy.typing import NDArray
 
-from recon.numerics.geodesy import Anchor, geodetic_to_enu
-from recon.placing import EARTHS, anchor_of
+from recon.numerics.geodesy import Anchor
+from recon.placing import about_anchor, anchor_of
 from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, meta, time_ns, vector
 from recon_exporters._decimate import gaps, pieces
@@ -102,17 +102,7 @@ def draw_space(file: rr.RecordingStream, streams: Mapping[str, pa.Table]) -> Dra
 
 def place_of(table: pa.Table, anchor: Anchor | None, datum: str) -> Place | None:
     """Where the rows of a stream are; None where no row has a place about the anchor."""
-    if has(table, "pos") and anchor_of(table) == anchor:
-        position = matrix(table, "pos", gaps=True)
-    elif anchor is not None and has(table, "lat") and has(table, "lon"):
-        height = np.full(table.num_rows, anchor.height)
-        if has(table, "height") and str(meta(table).get("height_datum", "")) == datum:
-            height = vector(table, "height", gaps=True)
-        ellipsoid = EARTHS[meta(table).get("earth", "wgs84")]
-        lat, lon = vector(table, "lat", gaps=True), vector(table, "lon", gaps=True)
-        position = geodetic_to_enu(lat, lon, height, anchor, ellipsoid)
-    else:
-        return None
+    position = about_anchor(table, anchor, datum)
     rows = np.flatnonzero(np.isfinite(position).all(axis=1))
     return Place(rows, time_ns(table)[rows], position[rows]) if len(rows) else None
 

@@ -132,7 +132,7 @@ def chart_of(
         raise DataError(
             f"no row of {' or '.join(tables) if params.gnss else 'trajectory'} has a latitude and longitude, "
             "which a map needs",
-            "tum and kitti write the local frame, which needs none",
+            "report, rerun, plots, tum and kitti take the local frame, which needs none",
         )
     marks = _marks(events, tables[tracks[0].name], params.max_gap)
     notes = [f"{track.name}: {track.note}" for track in tracks]

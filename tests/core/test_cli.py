@@ -392,6 +392,22 @@ def test_an_export_that_fails_leaves_the_run_and_says_so(cli: Cli, tmp_path: Pat
     assert recon.open(tmp_path / "drive-box").warnings
 
 
+def test_an_export_that_finds_nothing_to_show_does_not_stop_the_others(cli: Cli, tmp_path: Path) -> None:
+    """A drive without a place on the Earth has no map; the run stands, and what was asked for behind it is made."""
+    ended = cli("run", "box.yaml", "drive.txt", "--export", "map", "--export", "kml", "--export", "count")
+    assert ended.code == 4
+    lines = ended.err.splitlines()
+    assert [line for line in lines if line.startswith("error: ")] == [
+        "error: step exporter.map: no row of trajectory or gnss has a latitude and longitude, which a map needs"
+    ]
+    assert "  step exporter.kml: no row of trajectory or gnss has a latitude and longitude, which a map needs" in lines
+    assert "  the run is complete: drive-box" in lines
+    assert entries(tmp_path / "drive-box" / "exports") == {"count"}
+    again = cli("export", "drive-box", "map", "name")
+    assert again.code == 4
+    assert entries(tmp_path / "drive-box" / "exports") == {"count", "name"}
+
+
 def test_an_older_result_is_not_taken_for_the_new_one(cli: Cli, tmp_path: Path) -> None:
     cli("run", "box.yaml", "drive.txt")
     (tmp_path / "box.yaml").write_text(PIPELINE + "  - use: filter.fail\n")
