@@ -12,6 +12,7 @@ import numpy as np
 
 from recon.findings import PREFIX
 from recon.numerics.doctor import Claims, Finding
+from recon.numerics.doctor.axes import in_file
 from recon.numerics.doctor.units import ACCELERATIONS, RATES, SPEEDS, scale_of
 from recon.pipeline import Pipeline, Step
 from recon.problems import Where
@@ -67,10 +68,19 @@ def _rounded(values: Sequence[float] | np.ndarray) -> list[float]:
     return [float(f"{value:.6g}") for value in np.asarray(values)]
 
 
-def fix_of(one: Finding, claims: Claims, reader: str, letters: str, position_lag: float | None = None) -> Fix:
+def fix_of(
+    one: Finding,
+    claims: Claims,
+    reader: str,
+    letters: str,
+    position_lag: float | None = None,
+    *,
+    mistaken: bool = False,
+) -> Fix:
     """Parameters by stage that put right what a finding contradicts; {} where nothing of ours does.
 
     reader : key of the reader, such as reader.physycom; letters : where x, y, z point, "" where not known
+    mistaken : has one axis the wrong sign? It is put right in the axes that the reader gives, so these must stay
     position_lag : s, by which all stamps are shifted where it is known; fuser.map finds how much later velocities are
     """
     if one.status != "contradicted":
@@ -88,6 +98,8 @@ def fix_of(one: Finding, claims: Claims, reader: str, letters: str, position_lag
     if one.code == "axes" and value in _SWAPPED:
         return {"aligner.axes": {"axes": _SWAPPED[str(value)]}}
     if one.code in ("forward_axis", "axes") and letters:
+        if reader == "reader.csv" and not mistaken:
+            return {reader: {"columns": {"imu": {"axes": in_file(letters, claims.axes)}}}}
         return {"aligner.axes": {"axes": letters}}
     if one.code == "gnss_velocity_lag" and position_lag is not None:
         further = abs(float(value or 0.0) - position_lag)

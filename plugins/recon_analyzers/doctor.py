@@ -61,9 +61,10 @@ def _findings(
     found, letters = examine(log_of(imu, gnss, gnss_2, reference, claims), classes)
     lags = (one.value for one in found if one.code == "gnss_position_lag")
     lag = next((value for value in lags if isinstance(value, float)), None)
+    mistaken = any(one.code == "inverted_axis" and one.status == "contradicted" for one in found)
     rows = []
     for one in found:
-        told = replace(one, yaml=yaml_of(fix_of(one, claims, reader, letters, lag)))
+        told = replace(one, yaml=yaml_of(fix_of(one, claims, reader, letters, lag, mistaken=mistaken)))
         rows.append(metric_of(told))
         if one.status == "contradicted":
             rows.append(warning(f"{one.code}: {one.explanation}"))

@@ -13,6 +13,9 @@ from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Setti
 
 if TYPE_CHECKING:
     from recon.overrides import Override
+    from recon.pipeline import Pipeline
+    from recon.registry import Registry
+    from recon.trial import Trial
 
 STAGE: Final = "analyzer.doctor"
 _HEADS: Final = {
@@ -21,6 +24,7 @@ _HEADS: Final = {
     "unknown": "not told by this log",
 }
 _WIDTH: Final = 100
+_BOTH: Final = ("as it is", "put right")
 
 
 def doctor(
@@ -31,7 +35,9 @@ def doctor(
     ] = None,
     write: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a pipeline that puts right what was found, as far as one can."),
+        typer.Option(
+            metavar="FILE", help="Write a pipeline that puts right what was found, as far as one can, and try it."
+        ),
     ] = None,
     settings: Settings = None,
     overwrite: Overwrite = False,
@@ -56,11 +62,16 @@ def doctor(
     registry = registry_of(blocked, first_party_only)
     run = api.execute(pipeline, paths, out, overrides, registry=registry, exports=exports, overwrite=overwrite)
     found = findings_in(run.metrics)
+    trials: tuple[Trial, Trial] | None = None
     if write is not None:
-        write.write_text(_repaired(found, overrides), encoding="utf-8")
+        cure = _repaired(found, overrides)
+        write.write_text(cure.to_yaml(), encoding="utf-8")
+        if any(one["yaml"] for one in found):
+            trials = _tried(cure, paths, overrides, registry)
     shown = [{key: value for key, value in one.items() if key != "evidence"} for one in found]
     if as_json:
-        console.write_json({"paths": [str(path) for path in paths], "findings": shown})
+        tried = {"trial": dict(zip(_BOTH, (one.as_data() for one in trials), strict=True))} if trials else {}
+        console.write_json({"paths": [str(path) for path in paths], "findings": shown, **tried})
         return
     own = {one["explanation"] for one in found}
     others = [text for text in run.warnings if text.partition(": ")[2] not in own]
@@ -69,6 +80,8 @@ def doctor(
     for name, place in places.items():
         if place is not None:
             console.write(f"{name}: {place}")
+    if trials is not None:
+        console.write(_verdict(*trials))
 
 
 def _refuse_existing(write: Path | None, overwrite: bool) -> None:
@@ -79,12 +92,48 @@ def _refuse_existing(write: Path | None, overwrite: bool) -> None:
         raise ConfigError([Problem(None, "exists", f"{write} exists", "--overwrite replaces it")])
 
 
-def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) -> str:
-    """YAML of the pipeline that puts right what was found."""
+def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) -> Pipeline:
+    """The pipeline that puts right what was found."""
     from recon.doctor import fix_in, merged, repaired
 
     readers: Any = {option.step: option.params.plain() for option in overrides if option.step.startswith("reader.")}
-    return repaired(merged(fix_in(one["yaml"]) for one in found), readers).to_yaml()
+    return repaired(merged(fix_in(one["yaml"]) for one in found), readers)
+
+
+def _tried(
+    cure: Pipeline, paths: Sequence[Path], overrides: Sequence[Override], registry: Registry
+) -> tuple[Trial, Trial]:
+    """The drive as it is, and put right."""
+    from recon.pipeline import Pipeline
+    from recon.trial import try_out
+
+    before = [option for option in overrides if option.step.startswith("reader.")]
+    plain = Pipeline.from_file("best_accuracy")
+    return try_out(plain, paths, before, registry=registry), try_out(cure, paths, registry=registry)
+
+
+def _verdict(before: Trial, after: Trial) -> str:
+    """Whether the cure helped, in numbers."""
+    if before.error and after.error:
+        return f"it could not be tried: {after.error}"
+    rows = [
+        ("tried", *_BOTH),
+        ("warnings not to trust it", *(one.error or str(one.doubts) for one in (before, after))),
+        ("turning that nothing explains", *(_amount(one.gyro_noise, "deg/s/sqrt(Hz)") for one in (before, after))),
+        (
+            "acceleration that nothing explains",
+            *(_amount(one.accel_noise, "m/s^2/sqrt(Hz)") for one in (before, after)),
+        ),
+    ]
+    if after.better_than(before):
+        told = "the drive fits as well or better when it is put right"
+    else:
+        told = "the drive fits worse when it is put right: do not use that pipeline before you know why"
+    return f"{console.table(rows)}\n{told}"
+
+
+def _amount(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{value:.3g} {unit}"
 
 
 def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]) -> str:

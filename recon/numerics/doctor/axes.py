@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from recon.numerics.doctor.finding import Finding, Floats, confidence_of, confirmed, contradicted, unknown
+from recon.numerics.doctor.finding import SURE, Finding, Floats, confidence_of, confirmed, contradicted, unknown
 from recon.numerics.doctor.log import Claims, Imu
 from recon.numerics.doctor.motion import Motion
 
@@ -31,6 +31,8 @@ _LINED_UP: Final = np.cos(np.radians(18.0))
 """An axis nearer than that to a direction of the vehicle is meant to point there."""
 _LIKE: Final = 0.8
 """Cosine of directions that are the same."""
+_TORN: Final = 0.8
+"""At most so sure where another mistake would leave the box less than a quarter turn further."""
 _MOVED_DEG: Final = 10.0
 _BLOCK_S: Final = 10.0
 _DOWN: Final = {"F": "B", "B": "F", "L": "R", "R": "L", "U": "D", "D": "U"}
@@ -43,6 +45,7 @@ class Axes:
     mistake : "", "inverted" (all of the accelerometer), "accel_x" ..., "gyro_x" ..., "gyro", "left-handed", "swap x y"
     rot_sv : (3, 3) columns forward, left, up in the axes of the log after the mistake is set right, None where not told
     up : (3,) that of the accelerometer, after the mistake; handed : is the handedness known?
+    rival : the mistake that fits nearly as well, "" where none does
     """
 
     mistake: str
@@ -50,6 +53,7 @@ class Axes:
     up: Floats
     handed: bool
     sure: float
+    rival: str = ""
 
     @property
     def lined_up(self) -> bool:
@@ -76,33 +80,41 @@ def axes_of(imu: Imu, motion: Motion | None) -> Axes | None:
     sure = 0.0 if left is None else confidence_of(left.length / left.sigma / 2.0)
     if abs(hand) < 0.5 or same is None:
         return Axes("", seen if abs(hand) < 0.5 or hand > 0.0 else None, up, abs(hand) >= 0.5, sure)
-    mistake = _mistake(seen, same, hand)
+    mistake, rival = _mistake(seen, same, hand)
     right = _set_right(mistake, seen)
-    return Axes(mistake, right if np.linalg.det(right) > 0.0 else None, right[:, 2], True, sure)
+    sure = min(sure, _TORN) if rival else sure
+    return Axes(mistake, right if np.linalg.det(right) > 0.0 else None, right[:, 2], True, sure, rival)
 
 
-def _mistake(seen: Floats, turn: Floats, hand: float) -> str:
-    """The one that leaves the box turned least among those that fit; see the table of the module."""
+def _mistake(seen: Floats, turn: Floats, hand: float) -> tuple[str, str]:
+    """The one that leaves the box turned least among those that fit, see the table of the module, and its rival."""
     up = seen[:, 2]
     fits: list[str] = []
     if hand > 0.0:
         if turn @ up > _LIKE:
-            return ""
+            return "", ""
         fits = [f"gyro_{axis}" for i, axis in enumerate(_AXES) if turn @ _mirror(up, i) > _LIKE]
         if turn @ up < -_LIKE and np.abs(up).max() < _LINED_UP:
-            return "gyro"
+            return "gyro", ""
         fits.sort(key=lambda one: -float(turn @ _mirror(up, _AXES.index(one[-1]))))
-        return fits[0] if fits else "gyro"
+        return fits[0] if fits else "gyro", ""
     if turn @ up < -_LIKE:
         fits.append("inverted")
     fits += [f"accel_{axis}" for i, axis in enumerate(_AXES) if turn @ _mirror(up, i) > _LIKE]
     if turn @ up > _LIKE:
         fits += [f"swap {a} {b}" for a, b in combinations(_AXES, 2)]
         if not _lined_up(seen):
-            return "left-handed"
+            return "left-handed", ""
     if "inverted" in fits and not _lined_up(seen):
-        return "inverted"
-    return min(fits, key=lambda one: _turned(_set_right(one, seen))) if fits else "left-handed"
+        return "inverted", ""
+    fits.sort(key=lambda one: _unlikely(one, seen))
+    near = len(fits) > 1 and _unlikely(fits[1], seen) - _unlikely(fits[0], seen) < 0.5 * np.pi
+    return fits[0] if fits else "left-handed", fits[1] if near else ""
+
+
+def _unlikely(mistake: str, seen: Floats) -> float:
+    """By how much the box would be turned, rad, and half a quarter turn more for a mistake of a single axis."""
+    return _turned(_set_right(mistake, seen)) + (0.0 if mistake == "inverted" else 0.25 * np.pi)
 
 
 def _mirror(v: Floats, axis: int) -> Floats:
@@ -137,6 +149,14 @@ def letters_of(rot_sv: Floats, claimed: str = "") -> str:
     names = "".join(
         ("FLU", "BRD")[int(row[int(np.abs(row).argmax())] < 0.0)][int(np.abs(row).argmax())] for row in rot_sv
     )
+    return in_file(names, claimed)
+
+
+def in_file(names: str, claimed: str) -> str:
+    """Where x, y, z of a file point, of whose axes the reader has made others that point to `names`.
+
+    claimed : where the reader takes those of the file to point, "" where it turned nothing
+    """
     if not claimed or set(claimed) - set("FBLRUD"):
         return names
     along = {"F": names[0], "L": names[1], "U": names[2]}
@@ -159,12 +179,22 @@ def gravity_sign(axes: Axes | None, claims: Claims) -> Finding:
         text = (
             f"Every acceleration has the wrong sign: in bends and when braking the box feels the opposite of what the "
             f"drive does. At rest the axis that points up shows {'-g' if other == 'down' else '+g'} in this file "
-            f"(phones from Apple do so), not {'+g' if other == 'down' else '-g'}."
+            f"(phones from Apple do so), not {'+g' if other == 'down' else '-g'}.{_or_else(axes)}"
         )
         return contradicted(code, other, text, axes.sure)
     show = "+g" if claims.at_rest == "up" else "-g"
     text = f"At rest the axis that points up shows {show}: bends and braking push the right way."
     return confirmed(code, claims.at_rest, text, axes.sure)
+
+
+def _or_else(axes: Axes) -> str:
+    """The rival in words."""
+    if not axes.rival:
+        return ""
+    kind, _, axis = axes.rival.partition("_")
+    other = {"inverted": "every acceleration has the wrong sign", "accel": f"only {axis} of the accelerometer has"}
+    what = other.get(kind, f"axes are swapped ({axes.rival.removeprefix('swap ')})")
+    return f" It may also be that {what}, in a box that is mounted otherwise: how is it mounted?"
 
 
 def forward_axis(axes: Axes | None) -> Finding:
@@ -216,7 +246,7 @@ def handedness(axes: Axes | None, claims: Claims) -> Finding:
     if lined and upright != "+z":
         turned = " after the reader turned them" if claims.axes else ""
         text = f"Gravity is felt along {upright}, not +z{turned}: {upright} of the box points up." + _lies(upright)
-        return contradicted(code, value, text, **tilt)
+        return contradicted(code, value, text, _TORN if axes.rival else SURE, **tilt)
     if not whole:
         what = "right-handed" if axes.handed else "not told: too few bends to see whether they are right-handed"
         text = f"Gravity is felt along {upright}; the axes are {what}." if lined else f"The axes are {what}."
@@ -249,7 +279,7 @@ def inverted_axis(axes: Axes | None) -> Finding:
         what = f"{axis} of the {name} has" if axis else f"all axes of the {name} have"
         text = (
             f"{what} the wrong sign: it shows the opposite of what the drive does in bends. (If the same axis of "
-            "the other sensor is wrong as well, the axes of the box are left-handed.)"
+            f"the other sensor is wrong as well, the axes of the box are left-handed.){_or_else(axes)}"
         )
         return contradicted(code, axes.mistake, text, axes.sure)
     text = "No axis shows the opposite of what the drive does, as far as bends, braking and gravity tell."
