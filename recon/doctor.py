@@ -111,6 +111,16 @@ def fix_of(
     return {}
 
 
+def needless(one: Finding, fix: Fix, position_lag: float | None) -> str:
+    """Why nothing is offered for a delay of GNSS that is found; "" where something is, or for any other finding."""
+    if one.status != "contradicted" or one.code != "gnss_velocity_lag" or fix or position_lag is None:
+        return ""
+    return (
+        " Nothing has to be put right for fuser.map (best_accuracy, crash), which finds by itself how much later than "
+        f"positions speeds are; for other pipelines shift GNSS: aligner.time_offset, shift {position_lag:.2g} s."
+    )
+
+
 def _fix_of_unit(one: Finding, claims: Claims, reader: str) -> Fix:
     """The unit in the mapping of a text, in the parameter of physycom; else the factor by which the imu is wrong."""
     value = str(one.value)

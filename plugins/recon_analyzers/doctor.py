@@ -52,7 +52,7 @@ def _findings(
 ) -> pa.Table:
     from dataclasses import replace
 
-    from recon.doctor import fix_of, metric_of, yaml_of  # slow import: only when used
+    from recon.doctor import fix_of, metric_of, needless, yaml_of  # slow import: only when used
     from recon.numerics.doctor import examine
     from recon_analyzers._doctor_log import claims_of, log_of
 
@@ -64,10 +64,11 @@ def _findings(
     mistaken = any(one.code == "inverted_axis" and one.status == "contradicted" for one in found)
     rows = []
     for one in found:
-        told = replace(one, yaml=yaml_of(fix_of(one, claims, reader, letters, lag, mistaken=mistaken)))
+        fix = fix_of(one, claims, reader, letters, lag, mistaken=mistaken)
+        told = replace(one, yaml=yaml_of(fix), explanation=one.explanation + needless(one, fix, lag))
         rows.append(metric_of(told))
         if one.status == "contradicted":
-            rows.append(warning(f"{one.code}: {one.explanation}"))
+            rows.append(warning(f"{one.code}: {told.explanation}"))
     return metrics(rows)
 
 

@@ -46,14 +46,17 @@ def allan(
     """
     from recon import api
     from recon.allan import analyse
-    from recon.errors import NotEnoughData
+    from recon.errors import DataError
     from recon.pipeline import Pipeline
+    from recon.schema import APPENDED
 
     reading = Pipeline.of("allan", "reader.auto")
     registry = registry_of(blocked, first_party_only)
     log = api.execute(reading, paths, None, overrides_of(settings), registry=registry).recording
     if "imu" not in log:
-        raise NotEnoughData("rows in imu", needed="1", found="0")
+        streams = ", ".join(name for name in log if name not in APPENDED) or "nothing"
+        text = f"{', '.join(map(str, paths))}: there is no IMU in it, only {streams}"
+        raise DataError(text, "give a log with the accelerometer and gyroscope of a box that stood still")
     found = analyse(log["imu"], log.get("gnss"))
     if plot is not None:
         _draw(plot, found)

@@ -58,6 +58,8 @@ def compare(
 
     if exports and out is None:
         raise ConfigError([Problem(Where("--export"), "no-folder", "an export needs a folder", "add --out DIR")])
+    if len(runs) < 2:
+        raise ConfigError([Problem(None, "one-run", "a comparison needs two runs", "name another one")])
     registry = registry_of(blocked, first_party_only)
     finished = [api.open(run) for run in runs]
     truth = _reference(reference, registry)

@@ -62,8 +62,12 @@ def outages(
     log = api.execute(reading, paths, None, of_reader, registry=registry).recording
     others = [one for one in overrides if one not in of_reader]
 
+    warned: list[list[str]] = []
+
     def solve(recording: Recording) -> pa.Table:
-        return api.execute(found, recording, None, others, registry=registry).trajectory.table
+        run = api.execute(found, recording, None, others, registry=registry)
+        warned.append(run.warnings)
+        return run.trajectory.table
 
     measured, against = simulate(log, solve, wanted, most, seed)
     data: dict[str, Any] = {
@@ -71,6 +75,7 @@ def outages(
         "pipeline": found.name,
         "seed": seed,
         "against": against,
+        "warnings": warned[0],
         "lengths": [{"length_s": length, **statistics(some, against)} for length, some in measured.items()],
         "outages": [_plain(one) for some in measured.values() for one in some],
     }
@@ -82,13 +87,23 @@ def outages(
         console.write_json(data)
         return
     title = f"{', '.join(map(str, paths))}: outages of GNSS, pipeline {found.name}, against {_against(against)}"
-    console.write("\n".join([title, console.table([_HEAD, *rows])]))
+    console.write("\n".join([title, console.table([_HEAD, *rows]), *_doubts(data)]))
     if out is not None:
         console.write(f"kept in {out}: outages.md, outages.json, outages.png")
 
 
 def _against(what: str) -> str:
     return "the log's own reference" if what == "reference" else "the result with all fixes (whose errors both share)"
+
+
+def _doubts(data: Mapping[str, Any]) -> list[str]:
+    """What the pipeline warned of where it ran first: with all fixes, or beside a reference with the first outages."""
+    if not data["warnings"]:
+        return []
+    which = "with all fixes" if data["against"] != "reference" else "with outages"
+    lines = [f"warning: the result {which}: {text}" for text in data["warnings"]]
+    distrust = any("do not trust" in text for text in data["warnings"])
+    return [*lines, "warning: so these errors are not to be trusted either"] if distrust else lines
 
 
 def _lengths(text: str) -> list[float]:
@@ -148,7 +163,8 @@ def _keep(
 
     lines = ["| " + " | ".join(cells) + " |" for cells in (_HEAD, ["---"] * len(_HEAD), *rows)]
     note = f"Errors at the end of outages, medians; pipeline {data['pipeline']}, against {_against(data['against'])}."
-    (folder / "outages.md").write_text("\n".join([*lines, "", note, ""]), encoding="utf-8")
+    doubts = [f"\n{text}" for text in _doubts(data)]
+    (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8")
     (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
     _draw(folder / "outages.png", found)
 
@@ -161,9 +177,7 @@ def _draw(path: Path, found: Mapping[float, list[Outage]]) -> None:
         from matplotlib.figure import Figure
     figure = Figure(figsize=(6.7, 3.6), layout="constrained")
     axes = figure.subplots()
-    for color, (length, some) in zip(
-        ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"), found.items(), strict=False
-    ):
+    for color, (length, some) in zip(_COLORS, found.items(), strict=False):
         for number, one in enumerate(some):
             label = f"{length:g} s, {len(some)} outages" if number == 0 else None
             axes.plot(one.t_s, one.growth, color=color, linewidth=0.9, alpha=0.75, label=label)

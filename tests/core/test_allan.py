@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+from fuzz import log_files
 
 from recon.allan import analyse, fuser_params
 from recon.cli import main
@@ -58,3 +59,12 @@ def test_the_command_prints_terms_and_draws(tmp_path, capsys):
     assert main(["allan", str(kept), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [one["axis"] for one in told["terms"]] == [f"{s}_{a}" for s in ("gyro", "accel") for a in "xyz"]
+
+
+def test_a_log_without_an_imu_is_refused_in_words(tmp_path, capsys):
+    log = tmp_path / "walk.nmea"
+    log.write_bytes(log_files.nmea())
+    assert main(["allan", str(log)]) == 4
+    told = capsys.readouterr().err
+    assert "there is no IMU in it, only gnss" in told
+    assert "of a box that stood still" in told

@@ -85,9 +85,11 @@ def test_a_run_without_a_trajectory_has_no_distance(tmp_path):
         overlay([second])
 
 
-def test_one_run_is_no_comparison(tmp_path):
+def test_one_run_is_no_comparison(tmp_path, capsys):
     with pytest.raises(DataError, match="two runs"):
         compare([made(tmp_path, "a")])
+    assert main(["compare", str(tmp_path / "a")]) == 2
+    assert "a comparison needs two runs" in capsys.readouterr().err
 
 
 def test_runs_of_one_name_are_told_apart_by_their_folders(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from recon.cli import main
+from recon.cli.outages import _doubts
 from recon.errors import NotEnoughData
 from recon.outages import APART_S, measured, placed, simulate, statistics, without_fixes
 from recon.recording import Recording
@@ -78,6 +79,15 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     assert "against the log's own reference" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == ["outages.json", "outages.md", "outages.png"]
     told = json.loads((out / "outages.json").read_text())
+    assert told["warnings"] == []
     # Two frequencies, good to a metre: ten seconds add little, and nothing that a sigma of 1.4 m does not cover.
     assert told["lengths"][0]["horizontal"]["max"] < 5.0
     assert main(["outages", str(kept), "--lengths", "ten"]) == 2
+
+
+def test_a_base_result_that_is_not_to_be_trusted_says_so_beside_the_errors():
+    doubts = {"against": "all fixes", "warnings": ["positions stray: do not trust them"]}
+    told = _doubts(doubts)
+    assert told[0] == "warning: the result with all fixes: positions stray: do not trust them"
+    assert "not to be trusted either" in told[1]
+    assert _doubts({"against": "all fixes", "warnings": []}) == []

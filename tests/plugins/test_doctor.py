@@ -174,6 +174,34 @@ def test_the_drive_in_dresden_has_acceleration_inverted_and_gnss_a_second_late(a
     assert found["gnss_velocity_lag"]["value"] == pytest.approx(1.05, abs=0.1)
 
 
+def test_a_mapping_with_other_axes_and_another_sign_is_cured_as_a_whole_and_tried(tmp_path, capsys, logs):
+    """As `recon inspect` proposes it: FRD. One axis of the wrong sign would fit as well, in a box on its head."""
+    path, fixed = logs / "balzer82_dresden" / "2014-03-26-000-Data.csv", tmp_path / "fixed.yaml"
+    columns = yaml.safe_load((MAPPINGS / "dresden_car.yaml").read_text())
+    columns["imu"]["axes"] = "FRD"
+    del columns["imu"]["accel"]["at_rest"]
+    settings = ["--set", f"reader.csv.columns={json.dumps(columns)}", "--write", str(fixed), "--json"]
+    assert main(["doctor", str(path), *settings]) == 0
+    told = json.loads(capsys.readouterr().out)
+    found = by_code(told["findings"])
+    assert (found["gravity_sign"]["value"], found["axes"]["value"]) == ("down", "FLU")
+    assert found["inverted_axis"]["status"] == "confirmed"
+    assert found["gravity_sign"]["confidence"] <= 0.8
+    assert "only z of the accelerometer" in found["gravity_sign"]["explanation"]
+    imu = yaml.safe_load(fixed.read_text())["steps"][0]["params"]["reader.csv"]["columns"]["imu"]
+    assert (imu["axes"], imu["accel"]["at_rest"]) == ("FLU", "down")
+    assert "aligner.axes" not in fixed.read_text()
+    before, after = told["trial"]["as it is"], told["trial"]["put right"]
+    assert before["doubts"] > after["doubts"] == 0
+    assert after["gyro_noise"] < 0.2 * before["gyro_noise"]
+
+
+def test_a_late_speed_that_needs_no_cure_is_told_so(capsys, logs):
+    found = findings_of([logs / "comma2k19_example" / "seg40"], capsys=capsys)["gnss_velocity_lag"]
+    assert (found["status"], found["yaml"]) == ("contradicted", "")
+    assert "Nothing has to be put right for fuser.map" in found["explanation"]
+
+
 def test_the_axes_of_comma2k19_are_confirmed_as_logged(capsys, logs):
     found = findings_of([logs / "comma2k19_example" / "seg40"], capsys=capsys)
     assert (found["axes"]["status"], found["axes"]["value"]) == ("confirmed", "FRD")

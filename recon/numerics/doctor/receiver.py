@@ -188,9 +188,11 @@ def height_datum(heights: Mapping[str, tuple[Floats, Floats]], claims: Claims) -
                 "satellites know, the other from sea level."
             )
             return contradicted(code, round(middle, 1), text, **numbers)
-        return confirmed(
-            code, claims.height_datum or None, f"Heights of {one} and {other} agree to {abs(middle):.1f} m.", **numbers
+        text = (
+            f"Heights of {one} and {other} agree to {abs(middle):.1f} m: both count from the same surface; which one "
+            f"that is they do not tell, taken for: {claims.height_datum or 'nothing'}."
         )
+        return confirmed(code, round(middle, 1), text, **numbers)
     text = (
         "A single source of heights does not tell whether it counts from the ellipsoid or from sea level (up to 100 m "
         f"apart); taken for: {claims.height_datum or 'nothing'}."
