@@ -37,7 +37,7 @@ from recon import (
     warning,
 )
 from recon.evaluation import consistency_of, match
-from recon.numerics.consistency import Consistency, consistency
+from recon.numerics.consistency import HONEST, Consistency, consistency
 
 _SIGMAS = ("pos_std", "vel_std", "att_std")
 
@@ -112,22 +112,22 @@ def _of_errors(trajectory: pa.Table, reference: pa.Table | None, tolerance: floa
 
 
 def _test(name: str, found: Consistency, what: str) -> Metric:
-    """The mean square with the limits of 95 %; the note says where those of 99.9 % are and what they rest on."""
-    low, high = found.limits_999
+    """The mean square; low and high are the limits of honest ones, and the note says what they rest on."""
+    low, high = found.limits
     worth = f"{found.count} values, correlated in time, count as {found.degrees:.0f}"
-    note = f"{what}, 1 if honest; {worth}; 99.9 % of honest ones lie from {low:.3g} to {high:.3g}"
-    return Metric(name, found.nees, low=found.limits_95[0], high=found.limits_95[1], method="chi-square", note=note)
+    note = f"{what}, 1 if honest; {worth}; {100.0 * HONEST:g} % of honest ones lie from {low:.3g} to {high:.3g}"
+    return Metric(name, found.nees, low=low, high=high, method="chi-square", note=note)
 
 
 def _judge(what: str, found: Consistency, tolerance: float) -> Iterable[Metric]:
-    """A warning where the upper limit of 99.9 % is left: of 20 honest components one is outside that of 95 %.
+    """A warning where sigmas are too small by more than the tolerance.
 
     Sigmas that are too large are told by the metrics alone: they make no result look better than it is.
     """
     ratio = float(np.sqrt(found.nees))
-    if found.honest or ratio <= 1.0 + tolerance:
+    if found.verdict != "too small" or ratio <= 1.0 + tolerance:
         return
-    limits = f"their mean square is {found.nees:.3g}, where honest ones have {found.limits_999[1]:.3g} at most"
+    limits = f"their mean square is {found.nees:.3g}, where honest ones have {found.limits[1]:.3g} at most"
     yield warning(f"{what} are {ratio:.2g} times as large as their sigmas say: the sigmas are too small ({limits})")
 
 

@@ -86,7 +86,11 @@ def as_text(title: str, found: Evaluation) -> str:
         _section("errors", _HEAD, _absolute(found)),
         _section("errors over segments", (*_HEAD, "of the way"), _segments(found)),
         _section("errors in outages", _HEAD, _outages(found)),
-        _section("sigmas", ("NEES", "if honest (95 %)", "< 1 sigma", "< 2 sigma", "< 3 sigma"), _sigmas(found)),
+        _section(
+            "sigmas",
+            ("NEES", "of honest ones, 99.9 %", "sigmas are", "< 1 sigma", "< 2 sigma", "< 3 sigma"),
+            _sigmas(found),
+        ),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -132,9 +136,9 @@ def _outages(found: Evaluation) -> Iterable[Sequence[str]]:
 def _sigmas(found: Evaluation) -> Iterable[Sequence[str]]:
     for name, figure in found.consistency.items():
         if figure is not None:
-            low, high = figure.limits_95
+            low, high = figure.limits
             shares = (f"{100.0 * share:.1f} %" for share in figure.coverage)
-            yield (name, f"{figure.nees:.2f}", f"{low:.2f} to {high:.2f}", *shares)
+            yield (name, f"{figure.nees:.2f}", f"{low:.2f} to {high:.2f}", figure.verdict, *shares)
 
 
 def _cells(figure: Statistics) -> Sequence[str]:

@@ -22,11 +22,14 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+HONEST: Final = 0.999
 
 
 @dataclass(frozen=True)
@@ -36,20 +39,25 @@ class Consistency:
     nees : mean of z^2 per degree of freedom
     coverage : shares of the z within 1, 2 and 3 sigma; 68.3 %, 95.4 %, 99.7 % where they are Gaussian and honest
     count : number of z; degrees : how many independent ones they are worth
-    limits_95, limits_999 : between which nees of honest sigmas lies with a probability of 95 % and 99.9 %
+    limits : between which nees of honest sigmas lies with a probability of HONEST; of twenty honest components one is
+        outside the limits of 95 %
     """
 
     nees: float
     coverage: tuple[float, float, float]
     count: int
     degrees: float
-    limits_95: tuple[float, float]
-    limits_999: tuple[float, float]
+    limits: tuple[float, float]
 
     @property
     def honest(self) -> bool:
-        """Does nees lie between the limits of 99.9 %?"""
-        return self.limits_999[0] <= self.nees <= self.limits_999[1]
+        """Does nees lie between the limits?"""
+        return self.limits[0] <= self.nees <= self.limits[1]
+
+    @property
+    def verdict(self) -> str:
+        """honest, too small or too large: the sigmas."""
+        return "honest" if self.honest else "too small" if self.nees > 1.0 else "too large"
 
 
 def consistency(error: Floats, sigma: Floats, *, white: bool = False) -> Consistency | None:
@@ -74,8 +82,7 @@ def consistency(error: Floats, sigma: Floats, *, white: bool = False) -> Consist
         (within[0], within[1], within[2]),
         len(z),
         degrees,
-        chi_square_limits(degrees, 0.95),
-        chi_square_limits(degrees, 0.999),
+        chi_square_limits(degrees, HONEST),
     )
 
 
