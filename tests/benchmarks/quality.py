@@ -4,10 +4,10 @@
 
 Every program gets the same samples and fixes, in a process of its own on one thread, after a minute of a drive to warm
 up, which is neither timed nor counted. What it is told besides stands in TOLD. The table shows medians over the drives
-and from best to worst; memory is what the process grows by, libraries included. A peer that tells no sigmas here might
-do so elsewhere: it was not asked. With --resume only what is not in the file of --json, or failed, is measured. gtsam
-and ahrs are left out where they are not installed (`pip install recon-dynamics[bench]`), the real drive where no folder
-of logs is named (RECON_TEST_DATA).
+and from best to worst; memory is what the process grows by, libraries included. Sigmas of positions are what a program
+tells of them itself, in the same time: of GTSAM the marginals of its graph, of the filters their covariance. With
+--resume only what is not in the file of --json, or failed, is measured. gtsam and ahrs are left out where they are not
+installed (`pip install recon-dynamics[bench]`), the real drive where no folder of logs is named (RECON_TEST_DATA).
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from peers.simulated import simulated
 
 from recon import api
 from recon.errors import ConfigError
+from recon.numerics.consistency import consistency
 from recon.numerics.geodesy import Anchor
 from recon.numerics.rotation import Floats, conjugate, multiply, slerp, to_euler
 from recon.numerics.signals import interpolate, wrap_angle
@@ -95,7 +96,8 @@ _WARM_UP: Final = Job("", "consumer, town", 0, 60.0)
 class Result:
     """horizontal, worst : m, over the drive (rms) and the largest in outages; velocity : m/s; heading : deg
 
-    within : share of horizontal components within two told sigmas, NaN where none are told
+    within : share of horizontal components within two told sigmas; nees : mean square of them over their sigmas, 1 if
+        honest; NaN where no sigmas are told
     wall_s : s; memory : MB; failed : why there is none
     """
 
@@ -104,6 +106,7 @@ class Result:
     velocity: float = np.nan
     heading: float = np.nan
     within: float = np.nan
+    nees: float = np.nan
     wall_s: float = np.nan
     memory: float = np.nan
     failed: str = ""
@@ -144,7 +147,7 @@ def solved(program: str, case: Case) -> tuple[Estimate, Floats | None]:
     if program in PEERS:
         module = __import__(f"peers.{program}", fromlist=["solve"])
         found = module.solve(case.drive)
-        return replace(found, q_ns=multiply(found.q_ns, conjugate(case.drive.mount_q_vs))), None
+        return replace(found, q_ns=multiply(found.q_ns, conjugate(case.drive.mount_q_vs))), found.pos_std_n
     given = Recording({name: case.streams[name] for name in ("imu", "gnss")})
     pipeline = Pipeline.from_file(program)
     run = api.execute(pipeline, given, None, [], registry=Registry.installed())
@@ -167,15 +170,14 @@ def scored(case: Case, found: Estimate, sigma: Floats | None) -> Result:
     yaw = wrap_angle(yaw)
     horizontal = np.hypot(apart[:, 0], apart[:, 1])
     lost = in_outage(t_s, case.drive.fix_t_s)
-    within = np.nan
-    if sigma is not None:
-        within = float((np.abs(apart[:, :2]) < 2.0 * sigma[use, :2]).mean())
+    honest = None if sigma is None else consistency(apart[:, :2], sigma[use, :2])
     return Result(
         horizontal=float(np.sqrt((horizontal**2).mean())),
         worst=float(horizontal[lost].max()) if lost.any() else np.nan,
         velocity=float(np.sqrt((speed**2).sum(axis=1).mean())),
         heading=float(np.degrees(np.sqrt(np.nanmean(yaw**2)))),
-        within=within,
+        within=np.nan if honest is None else honest.coverage[1],
+        nees=np.nan if honest is None else honest.nees,
     )
 
 
@@ -252,6 +254,7 @@ _COLUMNS: Final[Mapping[str, tuple[str, float, int]]] = {
     "velocity": ("velocity m/s", 1.0, 3),
     "heading": ("heading deg", 1.0, 2),
     "within": ("within 2 sigma %", 100.0, 0),
+    "nees": ("NEES", 1.0, 2),
     "wall_s": ("time s", 1.0, 2),
     "memory": ("memory MB", 1.0, 0),
 }

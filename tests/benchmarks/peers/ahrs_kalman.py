@@ -37,9 +37,9 @@ def solve(drive: Drive) -> Estimate:
     q_ns = _attitude(drive)
     accel_n = rotate(q_ns, drive.accel_s) + drive.world.gravity_at(np.zeros(3))
     at = np.searchsorted(drive.t_s, drive.fix_t_s).clip(0, len(drive.t_s) - 1)
-    pos_n, vel_n = _filter(drive, accel_n, drive.fix_pos_n - rotate(q_ns[at], drive.lever_s))
+    pos_n, vel_n, std_n = _filter(drive, accel_n, drive.fix_pos_n - rotate(q_ns[at], drive.lever_s))
     use = drive.t_s >= drive.fix_t_s[0]
-    return Estimate(drive.t_s[use], pos_n[use], vel_n[use], q_ns[use])
+    return Estimate(drive.t_s[use], pos_n[use], vel_n[use], q_ns[use], std_n[use])
 
 
 def _attitude(drive: Drive) -> Floats:
@@ -52,12 +52,12 @@ def _attitude(drive: Drive) -> Floats:
     return np.asarray(found.Q)
 
 
-def _filter(drive: Drive, accel_n: Floats, fix_pos_n: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities at the samples, (n, 3) each: between fixes by double integration."""
+def _filter(drive: Drive, accel_n: Floats, fix_pos_n: Floats) -> tuple[Floats, Floats, Floats]:
+    """Positions, velocities and sigmas of positions at the samples, (n, 3) each, by double integration between fixes."""
     t_s = drive.t_s
     gained = cumulative(t_s, accel_n, "trapezoid")
     moved = cumulative(t_s, gained, "trapezoid")
-    pos_n, vel_n = np.empty_like(accel_n), np.empty_like(accel_n)
+    pos_n, vel_n, std_n = (np.empty_like(accel_n) for _ in range(3))
     pos, vel = fix_pos_n[0].copy(), drive.fix_vel_n[0].copy()
     noise = drive.noise
     pos_var, vel_var = noise.drift_n**2 + noise.white_n**2, noise.velocity_n**2
@@ -72,9 +72,16 @@ def _filter(drive: Drive, accel_n: Floats, fix_pos_n: Floats) -> tuple[Floats, F
         since = (t_s[rows] - t_s[first])[:, None]
         vel_n[rows] = vel + gained[rows] - gained[first]
         pos_n[rows] = pos + vel * since + moved[rows] - moved[first] - gained[first] * since
+        std_n[rows] = np.sqrt(_position_variance(covariance, since))
         pos, vel = pos_n[last].copy(), vel_n[last].copy()
         covariance = _predicted(covariance, float(t_s[last] - t_s[first]))
-    return pos_n, vel_n
+    return pos_n, vel_n, std_n
+
+
+def _position_variance(covariance: Floats, since: Floats) -> Floats:
+    """Of a double integrator a while later, for each axis: (m, 3); covariance (3, 2, 2), since (m, 1) s."""
+    start, both, speed = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    return np.asarray(start + 2.0 * since * both + since**2 * speed + UNKNOWN_ACCEL**2 * since**3 / 3.0)
 
 
 def _predicted(covariance: Floats, dt: float) -> Floats:

@@ -108,12 +108,14 @@ class Estimate:
     """A trajectory of the IMU, at times of the peer's own choice; the truth has the same form.
 
     t_s : (k,) s, rising; pos_n, vel_n : (k, 3) m and m/s; q_ns : (k, 4)
+    pos_std_n : (k, 3) m, what it tells of its positions; None where it tells nothing
     """
 
     t_s: Floats
     pos_n: Floats
     vel_n: Floats
     q_ns: Floats
+    pos_std_n: Floats | None = None
 
 
 Solve: TypeAlias = Callable[[Drive], Estimate]

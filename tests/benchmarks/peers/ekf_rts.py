@@ -113,10 +113,12 @@ def _updated(state: State, cov: Floats, residual: Floats, by_error: Floats, sigm
 def _smoothed(edge_s: Floats, track: _Track) -> Estimate:
     """Backwards: what the later estimate adds to the prediction, led back by cov transition^T predicted_cov^-1."""
     led = np.linalg.solve(track.predicted_cov[1:], track.transition @ track.cov[:-1]).transpose(0, 2, 1)
-    rot, x = track.rot.copy(), track.x.copy()
+    rot, x, cov = track.rot.copy(), track.x.copy(), track.cov.copy()
     for i in range(len(edge_s) - 2, -1, -1):
         later = x[i + 1] - track.predicted_x[i + 1]
         later[ROTATION] = to_rotvec(from_matrix(rot[i + 1] @ track.predicted_rot[i + 1].T))
         smooth = State(rot[i], x[i]).moved(led[i] @ later)
         rot[i], x[i] = smooth.rot_ns, smooth.x
-    return Estimate(edge_s, x[:, POSITION], x[:, VELOCITY], from_matrix(rot))
+        cov[i] += led[i] @ (cov[i + 1] - track.predicted_cov[i + 1]) @ led[i].T
+    std = np.sqrt(np.diagonal(cov, axis1=1, axis2=2)[:, POSITION])
+    return Estimate(edge_s, x[:, POSITION], x[:, VELOCITY], from_matrix(rot), std)

@@ -27,7 +27,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from recon.numerics.rotation import Floats, conjugate, from_rotvec, rotate
+from recon.numerics.rotation import Floats, conjugate, from_rotvec, rotate, to_matrix
 from recon.numerics.signals import interpolate
 
 from .drives import Drive, Estimate
@@ -62,8 +62,8 @@ def solve(drive: Drive) -> Estimate:
     knots = _first_guess(drive)
     steps = steps_between(drive, knots.t_s)
     for growth in _GROWTHS:
-        knots = _optimised(drive, knots, steps, growth)
-    return Estimate(knots.t_s, knots.pos_n, knots.vel_n, knots.q_ns)
+        knots, graph = _optimised(drive, knots, steps, growth)
+    return Estimate(knots.t_s, knots.pos_n, knots.vel_n, knots.q_ns, _sigmas(graph, knots))
 
 
 def _first_guess(drive: Drive) -> _Knots:
@@ -78,7 +78,7 @@ def _first_guess(drive: Drive) -> _Knots:
     return _Knots(t_s, q_ns, pos_n, vel_n, np.tile(begin.gyro_bias, (len(t_s), 1)), np.zeros_like(pos_n))
 
 
-def _optimised(drive: Drive, knots: _Knots, steps: Steps, growth: float) -> _Knots:
+def _optimised(drive: Drive, knots: _Knots, steps: Steps, growth: float) -> tuple[_Knots, Any]:
     graph = gtsam.NonlinearFactorGraph()
     _add_priors(graph, drive, knots)
     _add_imu(graph, drive, knots, steps)
@@ -88,7 +88,7 @@ def _optimised(drive: Drive, knots: _Knots, steps: Steps, growth: float) -> _Kno
     number = range(len(knots.t_s))
     poses = [found.atPose3(X(i)) for i in number]
     biases = [found.atConstantBias(B(i)) for i in number]
-    return _Knots(
+    solved = _Knots(
         t_s=knots.t_s,
         q_ns=np.array([_quaternion(pose.rotation()) for pose in poses]),
         pos_n=np.array([pose.translation() for pose in poses]),
@@ -96,6 +96,15 @@ def _optimised(drive: Drive, knots: _Knots, steps: Steps, growth: float) -> _Kno
         gyro_bias=np.array([bias.gyroscope() for bias in biases]),
         accel_bias=np.array([bias.accelerometer() for bias in biases]),
     )
+    return solved, graph
+
+
+def _sigmas(graph: Any, knots: _Knots) -> Floats:
+    """Of the positions, (k, 3) m: marginals of the graph. A pose's covariance is told in its own axes."""
+    marginals = gtsam.Marginals(graph, _values(knots))
+    body = np.array([marginals.marginalCovariance(X(i))[3:, 3:] for i in range(len(knots.t_s))])
+    turn = to_matrix(knots.q_ns)
+    return np.sqrt(np.diagonal(turn @ body @ turn.transpose(0, 2, 1), axis1=1, axis2=2))
 
 
 def _quaternion(rotation: Any) -> list[float]:
