@@ -53,7 +53,7 @@ def _attitude(drive: Drive) -> Floats:
 
 
 def _filter(drive: Drive, accel_n: Floats, fix_pos_n: Floats) -> tuple[Floats, Floats, Floats]:
-    """Positions, velocities and sigmas of positions at the samples, (n, 3) each, by double integration between fixes."""
+    """Positions, velocities and sigmas of positions at the samples, (n, 3) each: between fixes double integration."""
     t_s = drive.t_s
     gained = cumulative(t_s, accel_n, "trapezoid")
     moved = cumulative(t_s, gained, "trapezoid")
