@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Callable, Collection, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from recon.tables import Array
+from recon_readers._columns import Grown, Runs
 from recon_readers._time_order import Mask, Times
 
 NS: Final = 1_000_000_000
@@ -37,18 +38,19 @@ Numbers: TypeAlias = dict[str, Array]
 class Collector:
     """The numbers at some paths of the messages of a topic, and their times.
 
+    paths : each as often as its numbers will be asked for; they are not kept longer
     broken : how many messages were not whole
     """
 
-    def __init__(self, paths: Collection[str], stamps: Collection[str]) -> None:
-        self._paths, self._stamps = sorted(set(paths)), sorted({*stamps, _OTHER_STAMP})
+    def __init__(self, paths: Iterable[str], stamps: Collection[str]) -> None:
+        self._users = Counter(paths)
+        self._paths, self._stamps = sorted(self._users), sorted({*stamps, _OTHER_STAMP})
         self._language: Language | None = None
         self._messages: list[bytes] = []
         self._logged: list[int] = []
         self._size = 0
-        # arrays that grow in place: many small ones, freed column by column, would leave holes as large as themselves
-        self._columns = {path: array("d") for path in self._paths}
-        self._times = {path: array("q") for path in ("", *self._stamps)}
+        self._columns: dict[str, Grown | Runs] = {}
+        self._times = {path: Grown(np.int64, BATCH_MESSAGES) for path in ("", *self._stamps)}
         self.broken = 0
 
     def add(self, language: Language, message: bytes, logged_ns: int) -> None:
@@ -69,12 +71,16 @@ class Collector:
         values, whole = self._language.read(self._messages, [*self._paths, *names])
         self.broken += int((~whole).sum())
         for path in self._paths:
-            self._columns[path].frombytes(values[path][whole].tobytes())
+            numbers = values[path][whole]
+            if path not in self._columns:
+                constant = len(numbers) > 1 and bool((numbers == numbers[0]).all())
+                self._columns[path] = (Runs if constant else Grown)(np.float64, BATCH_MESSAGES)
+            self._columns[path].add(numbers)
         for stamp in self._stamps:
             seconds, nanoseconds = (np.nan_to_num(values[f"{stamp}.{part}"][whole]) for part in self._language.stamp)
-            self._times[stamp].frombytes((_whole(seconds) * NS + _whole(nanoseconds)).tobytes())
+            self._times[stamp].add(_whole(seconds) * NS + _whole(nanoseconds))
         logged = np.array(self._logged, dtype=np.uint64).astype(np.int64)
-        self._times[""].frombytes(logged[whole].tobytes())
+        self._times[""].add(logged[whole])
         self._messages, self._logged, self._size = [], [], 0
 
     def times(self, stamp: str) -> Times:
@@ -84,7 +90,7 @@ class Collector:
         """
         self._decode()
         for path in ("",) if not stamp else (stamp, _OTHER_STAMP):
-            found = np.frombuffer(self._times[path], dtype=np.int64)
+            found: Times = self._times[path].all
             if found.any():
                 return found
         return np.zeros(0, dtype=np.int64)
@@ -92,7 +98,10 @@ class Collector:
     def numbers(self, path: str) -> Array:
         """(n,) numbers at a path, in the order of the messages."""
         self._decode()
-        return np.frombuffer(self._columns[path], dtype=np.float64)
+        if path not in self._columns:
+            return np.zeros(0)
+        self._users[path] -= 1
+        return self._columns[path].all.copy() if self._users[path] else self._columns.pop(path).all
 
 
 def _whole(values: Array) -> Times:

@@ -26,7 +26,7 @@ class Grown:
         """More rows: (k,)."""
         end = self._count + len(values)
         if end > len(self._values):
-            larger = np.empty(end + end // 8, dtype=self._values.dtype)
+            larger = np.empty(end + end // 2, dtype=self._values.dtype)
             larger[: self._count] = self.all
             self._values = larger
         self._values[self._count : end] = values

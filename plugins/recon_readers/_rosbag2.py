@@ -54,6 +54,9 @@ def _channels(bag: sqlite3.Connection, intake: Intake) -> dict[int, Channel]:
     counts = _counts(bag)
     found = {}
     for number, topic, name, form in bag.execute("SELECT id, name, type, serialization_format FROM topics").fetchall():
+        if not (isinstance(number, int) and isinstance(topic, str) and isinstance(name, str)):
+            intake.learnt.append(warning("a row of the table of topics is damaged: its messages are not read"))
+            continue
         language, text = texts.get(name, ("ros2msg", ""))
         parts: list[tuple[str, str]] = []
         how = Language(unread, ("", ""))
@@ -62,7 +65,7 @@ def _channels(bag: sqlite3.Connection, intake: Intake) -> dict[int, Channel]:
                 parts, how = ros_language(name, text, language, form, intake)
         except ValueError as error:
             intake.learnt.append(warning(f"{topic} is not read: {error}"))
-        found[int(number)] = channel = intake.channel(topic, name, parts, how)
+        found[number] = channel = intake.channel(topic, name, parts, how)
         if channel.topic.collector is None:
             channel.topic.count += counts.get(number, 0)
     return found
@@ -80,6 +83,6 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     """Language and text by type; none in bags older than Iron."""
     try:
         rows = bag.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-        return {name: (language, text) for name, language, text in rows}
+        return {name: (language, text) for name, language, text in rows if isinstance(language and text, str)}
     except _DAMAGED:
         return {}

@@ -39,16 +39,16 @@ def rising(t_ns: Times, name: str) -> tuple[NDArray[np.intp] | slice, list[Metri
 
     t_ns : (n,) ns; name : of the sensor in its file
     """
-    steps = np.diff(t_ns)
-    if (steps > 0).all() and in_order(t_ns, np.zeros(len(t_ns), dtype=bool)).all():
+    if (t_ns[1:] > t_ns[:-1]).all() and in_order(t_ns, np.zeros(len(t_ns), dtype=bool)).all():
         return slice(None), []
     order = np.argsort(t_ns, kind="stable")
     ordered = t_ns[order]
     usable = in_order(ordered, np.zeros(len(ordered), dtype=bool))
     repeated = np.diff(ordered, prepend=ordered[:1] - 1) <= 0
     learnt = []
-    if (steps < 0).any():
-        learnt.append(Metric("rows_sorted", float((steps < 0).sum()), note=f"{name}: times that fell"))
+    falls = np.count_nonzero(t_ns[1:] < t_ns[:-1])
+    if falls:
+        learnt.append(Metric("rows_sorted", float(falls), note=f"{name}: times that fell"))
     for what, count in (("of the time of an earlier one", repeated.sum()), ("far from all others", (~usable).sum())):
         if count:
             learnt.append(Metric("rows_left_out", float(count), note=f"{name}: {what}, of {len(t_ns)}"))
