@@ -17,6 +17,8 @@ mapping the channels are listed.
 Times are those of a group's master channel, in s after the start of the measurement, which the file gives in ns. Where
 it gives local time without a zone, `zone` tells it; without, the streams say that their time scale is local.
 
+asammdf works in a process of its own, for some damaged files take it along.
+
 Reference: ASAM MDF 4.1, Measurement Data Format.
 """
 
@@ -25,17 +27,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from traceback import walk_tb
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from recon.errors import NothingUsable, PluginError, ReadFailed
-from recon.extras import needs
+from recon.errors import NothingUsable
 from recon.hookspecs import hookimpl
 from recon.numerics.axes import turn
 from recon.parameters import Params, setting
-from recon.problems import did_you_mean
 from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS, Change, Schema, spread
 from recon.stages import EVERYTHING, Reader, Schemas, Sniff, Wanted
@@ -44,6 +43,7 @@ from recon.units import convert
 from recon_readers._arrays import NS, interleave
 from recon_readers._csv_mapping import Accel, Gnss, Vector
 from recon_readers._mf4_channels import Channels, Stream
+from recon_readers._mf4_file import Measurement, read_channels
 from recon_readers._sensing import described, doubts, plausible, rising
 from recon_readers._time_order import Times
 
@@ -74,41 +74,22 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
 
     Raises ReadFailed, NothingUsable without a mapping, PluginError where asammdf is not installed.
     """
-    with needs("reader.mf4", "asammdf", extra="mf4"):
-        from asammdf import MDF
-    try:
-        with path.open("rb") as opened, MDF(opened) as file:
-            return _streams(path, file, params, wanted)
-    except (OSError, ReadFailed, PluginError):
-        raise
-    except Exception as error:  # it raises what it likes at damaged bytes
-        _disarm(error)
-        what = f"asammdf cannot read it ({type(error).__name__})"
-        raise ReadFailed(path, what, hint="check that it is whole: copy it again, or repair it") from error
-
-
-def _disarm(error: Exception) -> None:
-    """Mark what asammdf left half made as closed: its destructor would print a traceback."""
-    for frame, _ in walk_tb(error.__traceback__):
-        made: Any = frame.f_locals.get("self")
-        if hasattr(made, "_closed"):
-            made._closed = True
-            if getattr(made, "_tempfile", None) is not None:
-                made._tempfile.close()
-
-
-def _streams(path: Path, file: Any, params: Mf4Params, wanted: Wanted) -> Streams:
+    mappings = list(params.channels.streams()) if params.channels is not None else []
+    groups = {m.stream: [g for g in m.sources if wanted.of(m.stream, _names(m, g))] for m in mappings}
+    references = {str(r): None for m in mappings for g in groups[m.stream] for r in m.sources[g].references}
+    file = read_channels(path, list(references))
     if params.channels is None:
         hint = "say which is what with --set reader.mf4.channels=@MAPPING.yaml; its channels are\n  "
         listed = "\n  ".join(_listed(file))
         raise NothingUsable(path, "what its channels mean only a mapping tells", hint=f"{hint}{listed}")
     start_ns, facts, learnt = _start(file, params)
     made = {}
-    for mapping in params.channels.streams():
-        groups = [group for group in mapping.sources if wanted.of(mapping.stream, _names(mapping, group))]
-        if not groups:
+    for mapping in mappings:
+        if not groups[mapping.stream]:
             continue
-        parts = {name: part for group in groups for name, part in _group(path, file, mapping, group, learnt).items()}
+        parts = {
+            n: part for group in groups[mapping.stream] for n, part in _group(file, mapping, group, learnt).items()
+        }
         kept = {name: _once(start_ns + t_ns, values, name, learnt) for name, (t_ns, values) in parts.items()}
         t_ns, columns = interleave(kept)
         columns, told = plausible(path, mapping.stream, columns)
@@ -119,12 +100,10 @@ def _streams(path: Path, file: Any, params: Mf4Params, wanted: Wanted) -> Stream
     return {**made, "metrics": metrics([*learnt, *doubts(made)])}
 
 
-def _start(file: Any, params: Mf4Params) -> tuple[int, dict[str, str], list[Metric]]:
+def _start(file: Measurement, params: Mf4Params) -> tuple[int, dict[str, str], list[Metric]]:
     """Start of the measurement, ns since 1970; facts of the clock."""
-    start_ns = int(getattr(file.header, "abs_time", 0) or int(file.header.start_time.timestamp()) * NS)
-    flags = int(getattr(file.header, "time_flags", _LOCAL))
-    scale, learnt = "UTC", []
-    if flags & _LOCAL and not flags & _OFFSET_VALID:
+    start_ns, scale, learnt = file.start_ns, "UTC", []
+    if file.flags & _LOCAL and not file.flags & _OFFSET_VALID:
         zone = params.zone_ns
         if zone is None:
             scale = "local"
@@ -135,13 +114,12 @@ def _start(file: Any, params: Mf4Params) -> tuple[int, dict[str, str], list[Metr
     return start_ns, facts, learnt
 
 
-def _listed(file: Any) -> list[str]:
+def _listed(file: Measurement) -> list[str]:
     """Groups with their rows and channels."""
     found = []
-    for number, group in enumerate(file.groups):
-        names = [f"{channel.name} [{getattr(channel, 'unit', '') or '-'}]" for channel in group.channels]
+    for number, (rows, channels) in enumerate(file.groups):
+        names = [f"{name} [{unit}]" for name, unit in channels]
         more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-        rows = group.channel_group.cycles_nr
         found.append(f"group {number}, {rows:,} rows: {', '.join(names[:_MOST_LISTED])}{more}")
     return found or ["none"]
 
@@ -150,7 +128,7 @@ def _names(mapping: Stream, group: str) -> tuple[str, ...]:
     return spread(group, STREAMS[mapping.stream].names)
 
 
-def _group(path: Path, file: Any, mapping: Stream, group: str, learnt: list[Metric]) -> dict[str, tuple[Times, Array]]:
+def _group(file: Measurement, mapping: Stream, group: str, learnt: list[Metric]) -> dict[str, tuple[Times, Array]]:
     """Times after the start, ns, and values in the stream's unit, by column."""
     source = mapping.sources[group]
     names = _names(mapping, group)
@@ -163,35 +141,15 @@ def _group(path: Path, file: Any, mapping: Stream, group: str, learnt: list[Metr
     down = isinstance(source, Accel) and source.at_rest == "down"
     found, told = {}, []
     for name, index, sign in zip(names, axes, signs, strict=True):
-        t_ns, values, label = _channel(path, file, source.references[index])
+        signal = file.signals[str(source.references[index])]
+        values = signal.values
         for number in source.invalid:
             values = np.where(values == number, np.nan, values)
         values = np.asarray(convert(values * source.scale, source.unit or unit or "1", unit or "1"))
-        found[name] = t_ns, values * (-sign if down else sign)
-        told.append(label)
+        found[name] = signal.t_ns, values * (-sign if down else sign)
+        told.append(signal.label)
     learnt.append(Metric(f"channel_{group}", method=mapping.stream, note=f"{', '.join(told)}, taken for {source.unit}"))
     return found
-
-
-def _channel(path: Path, file: Any, reference: int | str) -> tuple[Times, Array, str]:
-    """Times after the start, ns, numbers, and what the file says of a channel. Raises ReadFailed."""
-    name, _, number = str(reference).rpartition("@") if re.search(r"@\d+$", str(reference)) else (reference, "", "")
-    places = [place for place in file.whereis(str(name)) if not number or place[0] == int(number)]
-    if not places:
-        known = [channel.name for group in file.groups for channel in group.channels]
-        hint = did_you_mean(str(name), known) or "without a mapping the channels are listed"
-        raise ReadFailed(path, f"it has no channel '{reference}'", hint=hint)
-    if len({group for group, _ in places}) > 1:
-        groups = ", ".join(f"'{name}@{group}'" for group, _ in places)
-        raise ReadFailed(path, f"several groups have a channel '{name}'", hint=f"write one of {groups}")
-    signal = file.get(group=places[0][0], index=places[0][1])
-    if signal.samples.dtype.kind not in "iufb" or signal.samples.ndim != 1:
-        raise ReadFailed(path, f"the channel '{reference}' holds no single numbers", hint="choose another channel")
-    values = signal.samples.astype(np.float64)
-    seconds = np.asarray(signal.timestamps, dtype=np.float64)
-    sane = np.isfinite(seconds) & (np.abs(seconds) < 1e8)
-    t_ns = np.round(np.where(sane, seconds, 0.0) * NS).astype(np.int64)
-    return t_ns[sane], values[sane], f"{name} [{signal.unit or '-'}] of group {places[0][0]}"
 
 
 def _once(t_ns: Times, values: Array, name: str, learnt: list[Metric]) -> tuple[Times, Array]:

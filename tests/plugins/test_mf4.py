@@ -16,6 +16,7 @@ from recon.errors import NothingUsable, ReadFailed
 from recon.rows import warnings_of
 from recon.stages import EVERYTHING, Wanted
 from recon.tables import matrix, meta, time_ns, vector
+from recon_readers import _mf4_file
 from recon_readers.mf4 import Mf4Params
 
 
@@ -89,6 +90,36 @@ def test_a_damaged_file_is_refused_in_one_sentence(drive: Path, tmp_path: Path) 
     path.write_bytes(drive.read_bytes()[:300])
     with pytest.raises(ReadFailed, match="asammdf cannot read it"):
         read(path, made.CHANNELS)
+
+
+def test_a_file_that_takes_its_process_along_is_refused(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # asammdf is replaced by what damaged files do to it: an end without a word
+    (tmp_path / "asammdf.py").write_text("import os\nos._exit(139)\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(_mf4_file, "_idle", [])
+    with pytest.raises(ReadFailed, match="asammdf broke down at it") as caught:
+        read(drive, made.CHANNELS)
+    assert "copy it again" in caught.value.hint
+
+
+def test_a_file_that_is_never_read_to_its_end_is_refused(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "asammdf.py").write_text("import time\ntime.sleep(60)\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(_mf4_file, "LONGEST_S", 1.0)
+    monkeypatch.setattr(_mf4_file, "_idle", [])
+    with pytest.raises(ReadFailed, match="did not come to an end"):
+        read(drive, made.CHANNELS)
+
+
+def test_a_process_that_was_broken_before_is_replaced(drive: Path) -> None:
+    read(drive, made.CHANNELS)
+    _mf4_file._idle[-1].kill()
+    _mf4_file._idle[-1].wait()
+    assert set(read(drive, made.CHANNELS)) == {"imu", "wheel", "gnss", "metrics"}
 
 
 # --- real files -----------------------------------------------------------------------------------------------------

@@ -1,0 +1,224 @@
+"""Channels of an MDF file, read by asammdf in a process of its own.
+
+At some damaged bytes the compiled code of asammdf takes its interpreter along. Here that becomes a ReadFailed.
+The process is given folders with `job.json`, and leaves there `about.json` and the channels in Arrow's format, which
+executes nothing when it is read. It stays for the next file, for asammdf takes 1.3 s to be imported.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from recon.errors import PluginError, ReadFailed
+from recon.problems import did_you_mean
+from recon.tables import Array
+from recon_readers._time_order import Times
+
+NS: Final = 1_000_000_000
+LONGEST_S: Final = 60.0
+"""For any file; and a second more for each of these:"""
+BYTES_PER_S: Final = 2e6
+_LATEST_NS: Final = 4_200_000_000 * NS
+_COPY: Final = "check that it is whole: copy it again, or repair it"
+_idle: list[subprocess.Popen[bytes]] = []
+"""Processes that wait for a file."""
+_JOB, _ABOUT, _CHANNELS = "job.json", "about.json", "channel-{}.arrow"
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A channel: (n,) ns after the start, (n,) numbers, and what the file calls it and its unit."""
+
+    t_ns: Times
+    values: Array
+    label: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What a file tells, and the channels that were asked for.
+
+    start_ns : ns since 1970; flags : of the start time, as MDF numbers them
+    groups : of each its number of rows and the names and units of its channels
+    """
+
+    start_ns: int
+    flags: int
+    groups: Sequence[tuple[int, Sequence[tuple[str, str]]]]
+    signals: Mapping[str, Signal]
+
+
+def read_channels(path: Path, references: Sequence[str]) -> Measurement:
+    """Read a file and the channels of these names, "AccX@3" for one of group 3.
+
+    Raises ReadFailed, PluginError where asammdf is not installed.
+    """
+    if find_spec("asammdf") is None:
+        raise PluginError("reader.mf4 needs asammdf", "pip install 'recon-dynamics[mf4]'")
+    try:
+        longest = LONGEST_S + path.stat().st_size / BYTES_PER_S
+    except OSError as error:
+        raise ReadFailed(path, f"it cannot be read: {error.strerror}", hint="check the name") from error
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        job = {"path": str(path.resolve()), "references": list(references)}
+        (folder / _JOB).write_text(json.dumps(job), encoding="utf-8")
+        _run(path, folder, longest)
+        about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
+        if "refused" in about:
+            raise ReadFailed(path, about["refused"], hint=about["hint"])
+        signals = {ref: _load(folder / _CHANNELS.format(n), label) for n, (ref, label) in enumerate(about["channels"])}
+    return Measurement(about["start_ns"], about["flags"], about["groups"], signals)
+
+
+def _run(path: Path, folder: Path, longest: float) -> None:
+    """Let a process write what it finds into the folder. Raises ReadFailed where it does not."""
+    process, used = (_idle.pop(), True) if _idle else (_started(), False)
+    ended = _ended_in(process, folder, longest)
+    if ended == "broken" and used:  # perhaps by what it read before
+        _end(process)
+        process = _started()
+        ended = _ended_in(process, folder, longest)
+    if ended == "done":
+        _idle.append(process)
+        return
+    _end(process)
+    if ended == "late":
+        raise ReadFailed(path, f"asammdf did not come to an end in {longest:.0f} s", hint=_COPY)
+    raise ReadFailed(path, "asammdf broke down at it, so it is damaged", hint=_COPY)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    paths = os.pathsep.join(part for part in sys.path if part)
+    return subprocess.Popen(
+        [sys.executable, "-m", "recon_readers._mf4_file"], env={**os.environ, "PYTHONPATH": paths},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def _ended_in(process: subprocess.Popen[bytes], folder: Path, longest: float) -> str:
+    """Give a process a folder to work in: is it "done", "late" or "broken"?"""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    late = threading.Event()
+
+    def stop() -> None:
+        late.set()
+        process.kill()
+
+    clock = threading.Timer(longest, stop)
+    clock.start()
+    try:
+        process.stdin.write(json.dumps(str(folder)).encode() + b"\n")
+        process.stdin.flush()
+        answer = process.stdout.readline()
+    except OSError:
+        answer = b""
+    finally:
+        clock.cancel()
+    return "late" if late.is_set() else "done" if answer else "broken"
+
+
+@atexit.register
+def _end_all() -> None:
+    while _idle:
+        _end(_idle.pop())
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.communicate()
+
+
+def _load(file: Path, label: str) -> Signal:
+    import pyarrow as pa
+
+    with pa.OSFile(str(file)) as source, pa.ipc.open_file(source) as reader:
+        table = reader.read_all()
+    return Signal(np.asarray(table["t_ns"]), np.asarray(table["value"]), label)
+
+
+# --- in the process -------------------------------------------------------------------------------------------------
+
+
+class _Refused(Exception):
+    """What is wrong, and what to do."""
+
+
+def _serve() -> None:
+    """Do the jobs whose folders come in, line by line. Only the answers go out, whatever asammdf prints."""
+    with os.fdopen(os.dup(1), "wb", buffering=0) as answers:
+        os.dup2(2, 1)
+        for line in sys.stdin.buffer:
+            folder = Path(json.loads(line))
+            (folder / _ABOUT).write_text(json.dumps(_found(folder)), encoding="utf-8")
+            answers.write(b"done\n")
+
+
+def _found(folder: Path) -> dict[str, Any]:
+    job = json.loads((folder / _JOB).read_text(encoding="utf-8"))
+    from asammdf import MDF
+
+    try:
+        with Path(job["path"]).open("rb") as opened, MDF(opened) as file:
+            about = _about(file)
+            labels = [_channel(file, ref, folder / _CHANNELS.format(n)) for n, ref in enumerate(job["references"])]
+            return {**about, "channels": list(zip(job["references"], labels, strict=True))}
+    except _Refused as error:
+        return {"refused": error.args[0], "hint": error.args[1]}
+    except BaseException as error:  # it raises what it likes at damaged bytes
+        return {"refused": f"asammdf cannot read it ({type(error).__name__})", "hint": _COPY}
+
+
+def _about(file: Any) -> dict[str, Any]:
+    start_ns = int(getattr(file.header, "abs_time", 0) or int(file.header.start_time.timestamp()) * NS)
+    if abs(start_ns) > _LATEST_NS:
+        raise _Refused("it begins at a time that no clock shows", _COPY)
+    groups = [
+        (int(group.channel_group.cycles_nr), [(c.name, getattr(c, "unit", "") or "-") for c in group.channels])
+        for group in file.groups
+    ]
+    return {"start_ns": start_ns, "flags": int(getattr(file.header, "time_flags", 1)), "groups": groups}
+
+
+def _channel(file: Any, reference: str, target: Path) -> str:
+    """Write a channel; what the file says of it."""
+    import pyarrow as pa
+
+    name, _, number = reference.rpartition("@") if re.search(r"@\d+$", reference) else (reference, "", "")
+    places = [place for place in file.whereis(name) if not number or place[0] == int(number)]
+    if not places:
+        known = [channel.name for group in file.groups for channel in group.channels]
+        hint = did_you_mean(name, known) or "without a mapping the channels are listed"
+        raise _Refused(f"it has no channel '{reference}'", hint)
+    if len({group for group, _ in places}) > 1:
+        groups = ", ".join(f"'{name}@{group}'" for group, _ in places)
+        raise _Refused(f"several groups have a channel '{name}'", f"write one of {groups}")
+    signal = file.get(group=places[0][0], index=places[0][1])
+    if signal.samples.dtype.kind not in "iufb" or signal.samples.ndim != 1:
+        raise _Refused(f"the channel '{reference}' holds no single numbers", "choose another channel")
+    seconds = np.asarray(signal.timestamps, dtype=np.float64)
+    sane = np.isfinite(seconds) & (np.abs(seconds) < 1e8)
+    t_ns = np.round(np.where(sane, seconds, 0.0) * NS).astype(np.int64)
+    table = pa.table({"t_ns": t_ns[sane], "value": signal.samples.astype(np.float64)[sane]})
+    with pa.OSFile(str(target), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+    return f"{name} [{signal.unit or '-'}] of group {places[0][0]}"
+
+
+if __name__ == "__main__":
+    _serve()
