@@ -44,7 +44,7 @@ def propose(paths: Sequence[Path]) -> str | None:
     files = [(path, _of_file(path)) for path in paths]
     if any(not streams for _, streams in files):
         return None
-    shown = " ".join(_shell(path) for path in paths)
+    shown = " ".join(in_shell(path) for path in paths)
     lines = [
         "# A mapping for reader.csv, guessed from header and values. Check it, above all where it says 'check',",
         "# save it as mapping.yaml and use it:",
@@ -65,7 +65,8 @@ def _one_line(line: str) -> str:
     return "".join(character if character.isprintable() else "?" for character in line)
 
 
-def _shell(path: Path) -> str:
+def in_shell(path: Path) -> str:
+    """A path as it is typed."""
     return f'"{path}"' if re.search(r"[^\w./-]", str(path)) else str(path)
 
 

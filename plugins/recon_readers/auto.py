@@ -36,6 +36,23 @@ from recon.yaml_nodes import Node
 
 HEAD_BYTES: Final = 65536
 SURE: Final = 0.5
+_CHECK: Final = "check that it is the right file; 'recon plugins' lists the readers that are installed"
+_PACKED: Final = "unpack it, and name the log in it"
+_IMAGE: Final = "name the log; a folder of images may stand behind it: recon run PIPELINE LOG IMAGES"
+_NO_LOGS: Final = {
+    b"PK\x03\x04": ("a zip archive", _PACKED),
+    b"\x1f\x8b": ("packed by gzip", _PACKED),
+    b"BZh": ("packed by bzip2", _PACKED),
+    b"\xfd7zXZ": ("packed by xz", _PACKED),
+    b"7z\xbc\xaf": ("a 7z archive", _PACKED),
+    b"\x28\xb5\x2f\xfd": ("packed by zstd", _PACKED),
+    b"Rar!": ("a RAR archive", _PACKED),
+    b"\x89PNG": ("a PNG image", _IMAGE),
+    b"\xff\xd8\xff": ("a JPEG image", _IMAGE),
+    b"%PDF": ("a PDF document", "name the log itself"),
+    b"\xd0\xcf\x11\xe0": ("a document of Excel or Word", "save its table as CSV"),
+}
+"""By their first bytes: what people have beside their logs, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +162,10 @@ def _unknown(path: Path, opinions: list[Opinion], broken: list[str]) -> ReadFail
         what = "this is a folder" if any(path.iterdir()) else "this folder is empty"
         return ReadFailed(path, what, hint="name the log files in it, or the folder of a result of recon")
     lines = _said([one for one in opinions if one.sniff.confidence > 0] or opinions)
-    advice = "check that it is the right file; 'recon plugins' lists the readers that are installed"
-    return UnknownFormat(path, "no reader knows this file", hint="\n  ".join([*lines, *broken, advice]))
+    head = _head(path)
+    kind, advice = next((told for mark, told in _NO_LOGS.items() if head.startswith(mark)), ("", _CHECK))
+    what = f"no reader knows this file{', which is ' * bool(kind)}{kind}"
+    return UnknownFormat(path, what, hint="\n  ".join([*lines, *broken, advice]))
 
 
 def _said(opinions: Iterable[Opinion]) -> list[str]:

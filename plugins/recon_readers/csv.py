@@ -37,7 +37,7 @@ from recon.tables import Array, Streams
 from recon_readers._columns import Columns
 from recon_readers._csv_mapping import Accel, Time
 from recon_readers._csv_mapping import Columns as Mapped
-from recon_readers._csv_propose import propose
+from recon_readers._csv_propose import in_shell, propose
 from recon_readers._csv_sheet import Sheet
 from recon_readers._csv_streams import (
     Others,
@@ -217,7 +217,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     except ReadFailed as error:
         return Sniff(0.0, error.what)
     kind = f"it looks like delimited text ({found.about})"
-    return Sniff(UNSURE, f"{kind}: 'recon inspect {path.name}' proposes a mapping for reader.csv")
+    return Sniff(UNSURE, f"{kind}: 'recon inspect {in_shell(path)}' proposes a mapping for reader.csv")
 
 
 @hookimpl

@@ -139,3 +139,15 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(ReadFailed, match="not a regular file"):
         read(tmp_path / "pipe")
+
+
+@pytest.mark.parametrize(
+    ("head", "kind", "advice"),
+    [(b"\x89PNG\r\n\x1a\n", "a PNG image", "name the log"), (b"PK\x03\x04\x14\0", "a zip archive", "unpack it")],
+)
+def test_what_is_no_log_is_called_by_its_name(tmp_path: Path, head: bytes, kind: str, advice: str) -> None:
+    path = tmp_path / "thing"
+    path.write_bytes(head + bytes(range(256)))
+    with pytest.raises(ReadFailed, match=f"which is {kind}") as caught:
+        auto(path)
+    assert advice in caught.value.hint.splitlines()[-1]
