@@ -281,6 +281,8 @@ def _refuse(problems: Sequence[Problem], recording: Recording) -> None:
     text = f"{sources} does not hold what the pipeline needs: {problems[0].text}"
     needs = {_need(problem): problem for problem in reversed(problems)}
     further = [problem.text for problem in problems[1:] if needs[_need(problem)] is problem]
+    if "'imu'" in needs and "gnss" in recording:
+        further.append("it holds GNSS without an IMU, of which the pipeline gnss makes a track: recon run gnss LOG")
     raise DataError(text, "\n  ".join([*further, "'recon inspect' shows what is in it"]))
 
 

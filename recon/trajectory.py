@@ -18,7 +18,7 @@ from recon.numerics.rotation import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
 from recon.problems import shortened
-from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.tables import Array, has, matrix, meta, seconds, time_ns, vector
 from recon.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ HINT: Final = (
 )
 """What a time may be."""
 
+_LONGEST_STEP_S: Final = 10.0
+"""Between two fixes the mean of their speeds is taken for the speed, as long as they are no further apart,"""
+_MOSTLY: Final = 0.9
+"""and for a distance at least this share of the time must be known."""
 _SAME_M: Final = 1e-6
 """m by which a knot may be apart from its trajectory."""
 
@@ -255,6 +259,23 @@ def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, f
     if trajectory is not None and trajectory.num_rows:
         found = Trajectory(trajectory)
         return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
-    if gnss is not None and has(gnss, "speed"):
-        return {"top_speed": float(np.nanmax(vector(gnss, "speed", gaps=True)))}
-    return {}
+    return {} if gnss is None or not gnss.num_rows else _of_fixes(gnss)
+
+
+def _of_fixes(gnss: pa.Table) -> dict[str, float]:
+    """By the speed of fixes; the distance only where it is known nearly all the time, without long gaps."""
+    t_s = seconds(gnss)
+    found = {"duration": float(t_s[-1])}
+    if has(gnss, "speed"):
+        speed = np.abs(vector(gnss, "speed", gaps=True))
+    elif has(gnss, "vel"):
+        speed = np.linalg.norm(matrix(gnss, "vel", gaps=True)[:, :2], axis=1)
+    else:
+        return found
+    known = np.isfinite(speed)
+    found["top_speed"] = float(speed[known].max())
+    steps, mean = np.diff(t_s[known]), (speed[known][1:] + speed[known][:-1]) / 2.0
+    near = steps <= _LONGEST_STEP_S
+    if steps[near].sum() >= _MOSTLY * t_s[-1] > 0.0:
+        found["distance"] = float((steps * mean)[near].sum())
+    return found

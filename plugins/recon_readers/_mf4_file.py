@@ -23,7 +23,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from recon.errors import PluginError, ReadFailed
+from recon.errors import ReadFailed
+from recon.extras import missing
 from recon.problems import did_you_mean
 from recon.tables import Array
 from recon_readers._time_order import Times
@@ -68,7 +69,7 @@ def read_channels(path: Path, references: Sequence[str]) -> Measurement:
     Raises ReadFailed, PluginError where asammdf is not installed.
     """
     if find_spec("asammdf") is None:
-        raise PluginError("reader.mf4 needs asammdf", "pip install 'recon-dynamics[mf4]'")
+        raise missing("reader.mf4", "asammdf", "mf4")
     try:
         longest = LONGEST_S + path.stat().st_size / BYTES_PER_S
     except OSError as error:

@@ -319,5 +319,9 @@ def test_a_summary_comes_from_the_trajectory_else_from_gnss() -> None:
     found = summarize(line(), None)
     assert found == pytest.approx({"distance": 50.0, "duration": 10.0, "top_speed": 5.0}, rel=10.0 * EPS)
     gnss = build(GNSS, time=START_NS + np.arange(3), speed=np.array([1.0, np.nan, 7.0]))
-    assert summarize(None, gnss) == {"top_speed": 7.0}
+    apart = build(GNSS, time=START_NS + np.arange(3) * 4_000_000_000, speed=np.array([1.0, 2.0, 7.0]))
+    assert summarize(None, gnss)["top_speed"] == 7.0
+    assert summarize(None, apart) == pytest.approx({"duration": 8.0, "top_speed": 7.0, "distance": 6.0 + 18.0})
+    outage = build(GNSS, time=START_NS + np.array([0, 1, 60]) * 1_000_000_000, speed=np.ones(3))
+    assert "distance" not in summarize(None, outage)
     assert summarize(line().slice(0, 0), None) == summarize(None, None) == {}

@@ -149,5 +149,5 @@ def test_what_is_no_log_is_called_by_its_name(tmp_path: Path, head: bytes, kind:
     path = tmp_path / "thing"
     path.write_bytes(head + bytes(range(256)))
     with pytest.raises(ReadFailed, match=f"which is {kind}") as caught:
-        auto(path)
+        read(path)
     assert advice in caught.value.hint.splitlines()[-1]
