@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ros_logs
-from benchmarks.reading import write_bag
+from benchmarks.reading_logs import write_bag
 
 import recon
 import recon_readers.rosbag
