@@ -37,8 +37,9 @@ _WHOLE_S: Final = 300.0
 """s of the log that are smoothed as a whole before the window moves; of so many the noise is known well."""
 _GROWS: Final = 1.5
 """Factor between the lengths of the log at which the noise is estimated again, until the window moves."""
-_BEHIND_S: Final = 90.0
-"""s of the window behind what is given next."""
+_BEHIND_S: Final = 180.0
+"""s of the window behind what is given next: what a burst of multipath said is weighed anew for so long. With half of
+it velocities are a tenth worse."""
 _MOVES_S: Final = 60.0
 """s by which the window moves at once."""
 _HEADING: Final = np.radians(3.0)
@@ -186,9 +187,7 @@ class LiveMap:
         smoother.mounting, smoother.moved_lag = found.smoother.mounting, found.solved.moved_lag
         smoother.first_rot_ns, smoother.origin_n = found.smoother.first_rot_ns, found.smoother.origin_n
         try:
-            part = with_covariances(
-                smoother, smoother.solve(knots_of(found.solved.state, first), found.solved.noise, "tls")
-            )
+            part = with_covariances(smoother, smoother.about(knots_of(found.solved.state, first), found.solved.noise))
         except np.linalg.LinAlgError:
             return
         last = knots_of(part.solved.state, slice(k, k))

@@ -1,9 +1,10 @@
 """What is lost where `fuser.map` follows a drive rather than smooths all of it, and what it costs.
 
-    python tests/benchmarks/live.py [--drives 10] [--seconds 900] [--lag 10]
+    python tests/benchmarks/live.py [--drives 10] [--first 1] [--seconds 900] [--lag 10]
 
-Simulated drives, the receiver never silent; rows from the fifth minute on, when the start is over. Time is that of the
-processor, for each second of the drive at 100 Hz.
+Simulated drives, the receiver never silent; a second in thirty from the fifth minute on, when the start is over. Each
+of them is told by `fuser.map` over the whole drive; over all that had been logged `lag` later, which is the most that
+can be known then; and by `recon live`. Time is that of the processor, for each second of the drive at 100 Hz.
 """
 
 from __future__ import annotations
@@ -23,16 +24,33 @@ from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
 
 SINCE_S = 300.0
+EVERY_S = 30.0
+NS = 10**9
 
 
 def errors(found: pa.Table, reference: pa.Table) -> np.ndarray:
     """RMS: horizontal m, vertical m, velocity m/s, heading of the vehicle deg."""
-    found = select_rows(found, time_ns(found) > time_ns(reference)[0] + round(SINCE_S * 1e9))
     at, there = time_ns(found), time_ns(reference)
     pos, vel = (matrix(found, g) - interpolate(at, there, matrix(reference, g)) for g in ("pos", "vel"))
     yaw = to_euler(matrix(found, "q"))[0] - to_euler(matrix(reference, "q")[np.searchsorted(there, at)])[0]
     squares = ((pos[:, :2] ** 2).sum(axis=1), pos[:, 2] ** 2, (vel**2).sum(axis=1), np.degrees(wrap_angle(yaw)) ** 2)
     return np.sqrt([square.mean() for square in squares])
+
+
+def fused(drive: dict[str, pa.Table], until_ns: int | None = None) -> pa.Table:
+    """The trajectory of all that was logged by then."""
+    imu, gnss = (
+        table if until_ns is None else select_rows(table, time_ns(table) < until_ns)
+        for table in (drive["imu"], drive["gnss"])
+    )
+    made = fuse_map(imu=imu, gnss=gnss, wheel=None, attitude=None, events=None, params=MapParams())
+    return made["trajectory"]
+
+
+def chosen(found: pa.Table, at_ns: list[int]) -> pa.Table:
+    """The second before each of these times."""
+    time = time_ns(found)
+    return select_rows(found, np.any([(time > at - NS) & (time <= at) for at in at_ns], axis=0))
 
 
 def follow(drive: dict[str, pa.Table], lag: float) -> tuple[pa.Table, np.ndarray]:
@@ -56,29 +74,34 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--drives", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1, help="number of the first drive")
     parser.add_argument("--seconds", type=float, default=900.0)
     parser.add_argument("--lag", type=float, default=10.0)
     options = parser.parse_args()
-    print("drive  horizontal m    vertical m      velocity m/s    heading deg     processor s/s")
-    print("       whole  live     whole  live     whole  live     whole  live     median  95 %")
+    print(
+        "       horizontal m          vertical m            velocity m/s          heading deg           processor s/s"
+    )
+    print("drive  whole  known  live    whole  known  live    whole  known  live    whole  known  live    median  95 %")
     ratios = []
-    for seed in range(1, options.drives + 1):
+    for seed in range(options.first, options.first + options.drives):
         drive = simulate_drive(
             DriveParams(
                 motion="mixed", sensors="study_two", duration=options.seconds, seed=seed, route=seed, outages=(),
                 outage_rate=0.0,
             )
         )  # fmt: skip
-        whole = fuse_map(
-            imu=drive["imu"], gnss=drive["gnss"], wheel=None, attitude=None, events=None, params=MapParams()
-        )
+        zero = int(time_ns(drive["imu"])[0])
+        at_ns = [zero + round(s * NS) for s in np.arange(SINCE_S + EVERY_S, options.seconds - options.lag, EVERY_S)]
+        known = [chosen(fused(drive, at + round(options.lag * NS)), [at]) for at in at_ns]
         rows, taken = follow(drive, options.lag)
-        both = errors(whole["trajectory"], drive["reference"]), errors(rows, drive["reference"])
-        ratios.append(both[1] / both[0])
-        shown = "   ".join(f"{a:.3f}  {b:.3f}" for a, b in zip(*both, strict=True))
+        told = chosen(fused(drive), at_ns), pa.concat_tables(known), chosen(rows, at_ns)
+        all_errors = np.array([errors(table, drive["reference"]) for table in told])
+        ratios.append(all_errors[1:] / all_errors[:-1])
+        shown = "   ".join("  ".join(f"{error:.3f}" for error in three) for three in all_errors.T)
         later = taken[int(SINCE_S) :]
         print(f"{seed:5d}  {shown}   {np.median(later):.3f}   {np.quantile(later, 0.95):.3f}", flush=True)
-    print("median of live / whole: " + "  ".join(f"{ratio:.2f}" for ratio in np.median(ratios, axis=0)))
+    for name, ratio in zip(("known / whole", "live / known"), np.median(ratios, axis=0), strict=True):
+        print(f"median of {name}: " + "  ".join(f"{value:.2f}" for value in ratio))
 
 
 if __name__ == "__main__":

@@ -34,6 +34,10 @@ _GROWTH: Final = 100.0
 """Factor by which the truncation sharpens from step to step."""
 
 
+SHARPEST: Final[Sharpness] = (1e4, 1e4)
+"""Every weight is 0 or 1."""
+
+
 def tls_weights(squared: ArrayLike, c2: float, mu: float) -> Floats:
     """Weights of truncated least squares at one stage of graduated non-convexity.
 
@@ -87,6 +91,6 @@ def robust_weights(
     sharper = (
         (tls_start(squared[0], _C2), tls_start(squared[1], _C2))
         if sharpness is None
-        else (min(sharpness[0] * _GROWTH, 1e4), min(sharpness[1] * _GROWTH, 1e4))
+        else (min(sharpness[0] * _GROWTH, SHARPEST[0]), min(sharpness[1] * _GROWTH, SHARPEST[1]))
     )
     return (tls_weights(squared[0], _C2, sharper[0]), tls_weights(squared[1], _C2, sharper[1])), sharper

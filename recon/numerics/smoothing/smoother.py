@@ -38,7 +38,7 @@ from recon.numerics.smoothing.measurements import (
 from recon.numerics.smoothing.model import Drive, Impact, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
-from recon.numerics.smoothing.robust import Loss, Sharpness, kept_together, robust_weights
+from recon.numerics.smoothing.robust import SHARPEST, Loss, Sharpness, kept_together, robust_weights
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
 from recon.numerics.smoothing.solved import Integrated, Linearised, Parts, Solved
@@ -184,6 +184,32 @@ class Smoother:
             done = settled and _small(solution, loss)
             if done:
                 break
+        return self._solved(state, noise, gravity, made, here, system, solution, count, done)
+
+    def about(self, state: State, noise: Noise) -> Solved:
+        """One linear step about a state that is known so well that what it leaves far off is an outlier.
+
+        For the marginal of a part of a drive, linearised where all of the drive puts it. Raises LinAlgError.
+        """
+        gravity = GravityField.around(state.pos_n, self.drive.anchor)
+        made = self._integrated(state, noise)
+        here = self._linearise(state, noise, gravity, made, "tls", SHARPEST, MOST_STEPS)
+        system, solution = self._step(0.0)
+        state = state.moved(solution.step.T, solution.step_global)
+        return self._solved(state, noise, gravity, made, here, system, solution, 1, True)
+
+    def _solved(
+        self,
+        state: State,
+        noise: Noise,
+        gravity: GravityField,
+        made: Integrated,
+        here: Linearised,
+        system: Factor,
+        solution: Solution,
+        steps: int,
+        converged: bool,
+    ) -> Solved:
         return Solved(
             state=state,
             noise=noise,
@@ -197,8 +223,8 @@ class Smoother:
             vel_weight=here.weights[1],
             pos_residual=here.position.residual,
             vel_residual=here.velocity.residual,
-            steps=count,
-            converged=done,
+            steps=steps,
+            converged=converged,
             moved_lag=self.moved_lag,
         )
 
