@@ -1,8 +1,9 @@
-"""Streams beside IMU, GNSS and wheels as what the smoother takes in: barometer, map of heights, camera.
+"""Streams beside IMU, GNSS and the wheels' speed as what the smoother takes in: barometer, map, camera, steering.
 
 The scale of a barometer's heights comes from those of GNSS, its level from nothing: only climbs are told. The level of
 a map comes from GNSS as well, for datums differ and boxes ride above the ground. Rotations that a camera saw are held
-against the gyroscope's, which tells its bias; its directions of travel are taken as they are.
+against the gyroscope's, which tells its bias; its directions of travel are taken as they are. So are turn rates of the
+steering, whose ratio, offset and understeer are those that fit the gyroscope best over the drive.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, r
 from recon.numerics.smoothing import level_rotation, positions_n
 from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
 from recon.numerics.smoothing.soa import mtv
+from recon.numerics.steering import grips, single_track
 from recon.rows import Metric
 from recon.tables import Array, has, matrix, seconds, select_rows, time_ns, vector
 
@@ -38,6 +40,7 @@ class AidTrust:
     baro: float = 0.3
     baro_walk: float = 0.02
     camera: float = np.radians(0.3)
+    steering: bool = True
     ground_level: float | None = None
 
 
@@ -49,6 +52,7 @@ def aids_of(
     observed: Observed,
     start_ns: int,
     trust: AidTrust,
+    wheel: pa.Table | None = None,
 ) -> tuple[tuple[Aid, ...], list[Metric]]:
     """The aids that the streams give, and what was learnt of them. start_ns : time zero."""
     aids: list[Aid] = []
@@ -65,6 +69,10 @@ def aids_of(
     if visual is not None and visual.num_rows > 1 and imu.num_rows:
         aids += [_rate(visual, imu, start_ns), *_direction(visual, start_ns, trust)]
         learnt.append(Metric("visual_motions", float(visual.num_rows), note="that a camera saw"))
+    if wheel is not None and trust.steering and has(wheel, "steering_angle") and has(wheel, "speed"):
+        turns, found = _steering(wheel, imu, start_ns)
+        aids += turns
+        learnt += found
     return tuple(aids), learnt
 
 
@@ -119,6 +127,49 @@ def _rate(visual: pa.Table, imu: pa.Table, start_ns: int) -> Rate:
     seen = to_rotvec(matrix(visual, "q")[inside]) / span_s[:, None]
     sigma = vector(visual, "rotation_std")[inside] / span_s
     return Rate(_middle_s(visual, start_ns)[inside], span_s, felt.T, seen.T, None, sigma)
+
+
+def _steering(wheel: pa.Table, imu: pa.Table, start_ns: int) -> tuple[list[Rate], list[Metric]]:
+    """Turn rates of the single-track model, second by second, about the axis along which the box feels gravity."""
+    accel, gyro, imu_s = matrix(imu, "accel"), matrix(imu, "gyro"), seconds(imu, since=start_ns)
+    up_s = np.median(accel, axis=0)
+    up_s = up_s / np.linalg.norm(up_s)
+    edge_s = np.arange(0.0, imu_s[-1], 1.0)
+    felt = _means(imu_s, gyro.T, edge_s)
+    rows = []
+    for name in ("speed", "steering_angle"):
+        value = vector(wheel, name, gaps=True)
+        known = np.isfinite(value)
+        rows.append(_means(seconds(wheel, since=start_ns)[known], value[None, known], edge_s)[0])
+    speed, angle = rows
+    rate = up_s @ felt
+    heard = np.isfinite(speed) & np.isfinite(angle) & np.isfinite(rate)
+    speed, angle, rate, felt = speed[heard], angle[heard], rate[heard], felt[:, heard]
+    model = single_track(speed, angle, rate)
+    if model is None:
+        return [], [Metric("steering", note="not used: too few bends to tell its ratio")]
+    turned, sigma = model.rate(speed, angle)
+    held = grips(speed, rate)
+    t_s = 0.5 * (edge_s[1:] + edge_s[:-1])[heard]
+    axes = np.repeat(up_s[:, None], int(held.sum()), axis=1)
+    aid = Rate(t_s[held], np.ones(len(t_s))[held], felt[:, held], axes * turned[held], axes, sigma[held])
+    note = "ratio of the steering times wheelbase"
+    return [aid], [
+        Metric("steering_ratio_length", model.ratio_length, "m", model.ratio_length_sigma, note=note),
+        Metric("steering_offset", float(np.degrees(model.offset)), "deg", float(np.degrees(model.offset_sigma))),
+        Metric("steering_understeer", model.understeer, "s^2/m", note="of the single-track model, times the ratio"),
+        Metric(
+            "steering_error", float(np.degrees(model.sigma)), "deg", note=f"mean of a second; {model.lasts:.0f} s long"
+        ),
+    ]
+
+
+def _means(t_s: Array, rows: Array, edge_s: Array) -> Array:
+    """Means of rows (c, m) between the edges (n + 1,), NaN where there is none: (c, n)."""
+    at = np.searchsorted(t_s, edge_s)
+    total = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)], axis=1)[:, at]
+    count = np.diff(at)
+    return np.asarray(np.where(count > 0, np.diff(total, axis=1) / np.maximum(count, 1), np.nan))
 
 
 def _direction(visual: pa.Table, start_ns: int, trust: AidTrust) -> list[Direction]:

@@ -110,6 +110,7 @@ class MapParams(Params):
     slip_time: float = quantity(
         10.0, "s", ge=0, doc="From a crash until the vehicle stands, at most so long, wheels may slip in any direction."
     )
+    steering: bool = setting(True, doc="Take turn rates from the angle of the steering wheel, where wheel holds it.")
     wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
     baro_noise: float = quantity(0.3, "m", gt=0, doc="Error of a barometer's height, mean of two seconds.")
     baro_walk: float = quantity(0.02, "m/sqrt(s)", gt=0, doc="Random walk of the air's pressure, as height.")
@@ -135,7 +136,8 @@ def fuse_map(
 ) -> Streams:
     """The trajectory with sigmas, residuals of every fix, standstills and outages, and every number estimated.
 
-    imu : accel m/s^2 (specific force), gyro rad/s, any mounting; gnss : positions or speed; wheel : speed
+    imu : accel m/s^2 (specific force), gyro rad/s, any mounting; gnss : positions or speed
+    wheel : speed, perhaps steering_angle
     attitude : its first row is taken as the attitude of the imu's axes at that time
     baro : pressure; ground : heights of a map along the way; visual : how a camera moved
     events : those of kind crash have knots at both ends, biases that stay, and wheels that may slip afterwards
@@ -152,8 +154,8 @@ def fuse_map(
     observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
     impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
-    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma, params.ground_level)
-    aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust)
+    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma, params.steering, params.ground_level)
+    aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
     drive = replace(drive, aids=aids)
     found = solve(drive, model_of(params, attitude), noise_of(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
@@ -256,7 +258,7 @@ def declare_fusers() -> Iterable[Fuser]:
             "gnss": GNSS.need(
                 maybe=["lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix"],
             ),
-            "wheel": WHEEL.need("speed", optional=True),
+            "wheel": WHEEL.need("speed", maybe=["steering_angle"], optional=True),
             "attitude": ATTITUDE.need("q", optional=True),
             "baro": BARO.need("pressure", optional=True),
             "ground": GROUND.need("lat", "lon", "height", "slope_e", "slope_n", "height_std", optional=True),

@@ -57,6 +57,7 @@ from recon_simulators.gnss_model import (
     random_outages,
 )
 from recon_simulators.mag_model import MagModel, magnetometer
+from recon_simulators.noise import gauss_markov
 from recon_simulators.presets import NAMES, PLACED_OUTAGES, preset_value
 from recon_simulators.route import Route, route_of
 from recon_simulators.sensor_model import (
@@ -68,6 +69,12 @@ from recon_simulators.sensor_model import (
     regular_times,
 )
 
+_WHEELS: Final = (("front_left", 1, 1), ("front_right", 1, -1), ("rear_left", 0, 1), ("rear_right", 0, -1))
+"""Name; axles ahead of the rear one; side, positive to the left."""
+_CRAWL: Final = 0.3
+"""m/s."""
+_WANDERS_S: Final = 5.0
+"""s for which wind, bank and play hold the steering wheel aside."""
 _FIX, _SATELLITES = 3, 12
 _CLOCK: Final = {"time_scale": "UTC", "clock": "absolute"}
 _FIXES: Final = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites")
@@ -236,8 +243,34 @@ def _wheel(route: Route, rate_hz: float, params: DriveParams, rng: np.random.Gen
     scale = 1.0 + params.wheel_scale * rng.standard_normal()
     true = route.wheel_speed(t_s)
     noise = np.where(true == 0.0, 0.0, params.wheel_noise * rng.standard_normal(len(t_s)))
-    schema = WHEEL.only("speed")
-    return with_meta(build(schema, time=_stamps(t_s, params), speed=scale * true + noise), **_CLOCK)
+    columns = {"speed": scale * true + noise}
+    if params.steering:
+        columns |= _steered(route, t_s, true, scale, params, rng)
+    schema = WHEEL.only(*columns)
+    return with_meta(build(schema, time=_stamps(t_s, params), **columns), **_CLOCK)
+
+
+def _steered(
+    route: Route, t_s: Floats, speed: Floats, scale: float, params: DriveParams, rng: np.random.Generator
+) -> dict[str, Floats]:
+    """Angle of the steering wheel by the single-track model, and the speeds of the four wheels: (n,) each."""
+    rate = route.turn_rate(t_s)
+    curvature = rate * speed / (speed**2 + _CRAWL**2)  # at a crawl, where the rate says nothing, the wheels are ahead
+    front = np.arctan(params.wheelbase * curvature) + params.understeer * speed * rate
+    assert params.wheel_rate is not None
+    wander = params.steering_wander * gauss_markov((len(t_s), 1), params.wheel_rate, _WANDERS_S, rng)[:, 0]
+    white, offset = (
+        params.steering_noise * rng.standard_normal(len(t_s)),
+        params.steering_offset * rng.standard_normal(),
+    )
+    columns = {"steering_angle": params.steering_ratio * front + offset + wander + white}
+    for name, ahead, side in _WHEELS:
+        along, across = speed - side * 0.5 * params.track * rate, ahead * params.wheelbase * rate
+        rolled = np.sign(along) * np.hypot(along, across)
+        own = scale * (1.0 + params.tyre_scale * rng.standard_normal())
+        noise = np.where(rolled == 0.0, 0.0, params.wheel_noise * rng.standard_normal(len(t_s)))
+        columns[f"speed_{name}"] = own * rolled + noise
+    return columns
 
 
 def _reference(truth: EarthTruth, time: NDArray[np.int64], anchor: Anchor) -> pa.Table:
@@ -305,7 +338,8 @@ def _stamps(t_s: Floats, params: DriveParams) -> NDArray[np.int64]:
 def _plan(inputs: Mapping[str, Schema], params: DriveParams) -> dict[str, Schema]:
     """Fixes with vectors of velocity, a magnetometer, a barometer and wheels, only where they are asked for."""
     fixes = [name for name in _FIXES if name != "vel" or params.gnss_vector]
-    wheel = {"wheel": WHEEL.only("speed")} if params.wheel_rate is not None else {}
+    steered = ("steering_angle", *(f"speed_{name}" for name, *_ in _WHEELS)) if params.steering else ()
+    wheel = {"wheel": WHEEL.only("speed", *steered)} if params.wheel_rate is not None else {}
     mag = {"mag": MAG} if _chosen(params, "mag_rate") else {}
     baro = {"baro": BARO.only("pressure")} if params.baro_rate is not None else {}
     return {**_WRITES, "gnss": GNSS.only(*fixes), **mag, **baro, **wheel}

@@ -139,6 +139,17 @@ class _Car(_Box):
     wheel_rate: float | None = quantity(None, "Hz", gt=0, doc="Speeds of the wheels per second; none: no such sensor.")
     wheel_scale: float = quantity(1.0, "%", ge=0, doc="Sigma of the scale error of the wheels' speed.")
     wheel_noise: float = quantity(0.02, "m/s", ge=0, doc="Sigma of the wheels' speed, white.")
+    steering: bool = setting(False, doc="Do the wheels tell the angle of the steering wheel, and the speed of each?")
+    wheelbase: float = quantity(2.7, "m", gt=0, doc="Between the axles.")
+    track: float = quantity(1.55, "m", gt=0, doc="Between the wheels of an axle.")
+    steering_ratio: float = setting(16.0, gt=0, doc="Angle of the steering wheel by that of the front wheels.")
+    understeer: float = quantity(0.1, "deg/(m/s^2)", doc="Angle of the front wheels by lateral acceleration.")
+    steering_offset: float = quantity(1.0, "deg", ge=0, doc="Sigma of the angle of the steering wheel ahead.")
+    steering_noise: float = quantity(0.1, "deg", ge=0, doc="Sigma of the angle of the steering wheel, white.")
+    steering_wander: float = quantity(
+        0.5, "deg", ge=0, doc="Sigma of what wind, bank and play do to the steering wheel, for some seconds each."
+    )
+    tyre_scale: float = quantity(0.2, "%", ge=0, doc="Sigma of the scale error of one wheel beside the others.")
 
 
 class _Compass(_Car):

@@ -62,6 +62,11 @@ class Route:
         start, end = self.carried
         return np.where((start <= t_s) & (t_s <= end), 0.0, speed)
 
+    def turn_rate(self, t_s: Floats) -> Floats:
+        """Of the rear axle about its vertical axis, zero on a ferry: (n,) rad/s."""
+        rate = self.drive.at(t_s + self.begin_s).gyro_v[:, 2]
+        return rate if self.carried is None else np.where(self.wheel_speed(t_s) == 0.0, 0.0, rate)
+
 
 def route_of(params: DriveParams, springs: Springs, rear_axle_v: tuple[float, float, float]) -> Route:
     """The motion of the parameters; a record that outlasts its drive ends standing. Raises ValueError."""

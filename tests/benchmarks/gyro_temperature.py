@@ -1,12 +1,16 @@
 """What filter.gyro_temperature gains over filter.gyro_offset on simulated drives with a gyroscope that warms up.
 
-    python tests/benchmarks/gyro_temperature.py [SEEDS]
+    python tests/benchmarks/gyro_temperature.py [SEEDS] [map]
 
 Each seed is a device with slopes and curvatures of its own (sigma 0.02 deg/s/K and 0.0003 deg/s/K^2 on each axis),
 driven for 20 minutes on country roads, IMU `consumer_mems`. It starts at 5 to 20 degC and warms up by 15 to 30 K with 8
 to 15 minutes; the thermometer has steps of 0.25 K and noise of 0.2 K. In the last two columns only the stop at the
 start is known; "remembered" has seen two drives before, of other weather and another offset at power-on. The error is
 what is left of the bias in motion, rms over the three axes.
+
+With the word `map` it is fuser.map that takes the drive, with an outage of 60 s each five minutes: alone, whose bias
+walks, and behind the filter with the device's calibration, so that the bias is the model's and walks about it. The
+errors are then horizontal in the outages, m, and of the heading throughout, deg.
 """
 
 from __future__ import annotations
@@ -17,11 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from aids import place_error
 
+from recon.numerics.rotation import to_euler
+from recon.numerics.signals import wrap_angle
 from recon.tables import Array, matrix, replace, seconds
 from recon_detectors.standstill_speed import StandstillSpeedParams, standstill_speed
 from recon_filters.gyro_offset import GyroOffsetParams, gyro_offset
 from recon_filters.gyro_temperature import REFERENCE_K, GyroTemperatureParams, gyro_temperature
+from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
 
@@ -30,8 +38,8 @@ METHODS = ("gyro_offset", "linear", "quadratic", "first stop", "remembered")
 AGAINST = {"linear": "gyro_offset", "quadratic": "gyro_offset", "remembered": "first stop"}
 
 
-def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Array]:
-    """imu with temperature, events, and the true bias (n, 3) rad/s of the drive of this number of a device."""
+def warmed(seed: int, number: int, duration_s: float, **more: Any) -> tuple[Any, Array]:
+    """The streams, imu with temperature, and the true bias (n, 3) rad/s of the drive of this number of a device."""
     device, rng = np.random.default_rng(seed), np.random.default_rng((seed, number))
     slope, bend = np.radians(device.normal(0.0, 0.02, 3)), np.radians(device.normal(0.0, 0.0003, 3))
     made = simulate_drive(
@@ -43,6 +51,7 @@ def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Arr
             imu_rate=50.0,
             gyro_scale=0.0,
             start=f"2024-05-{number + 1:02d}T08:00:00Z",
+            **more,
         )
     )
     imu = made["imu"]
@@ -53,9 +62,46 @@ def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Arr
     moved = slope * above + bend * above**2
     seen = np.round((celsius + rng.normal(0.0, 0.2, len(t_s))) / 0.25) * 0.25
     imu = replace(imu, gyro=matrix(imu, "gyro") + moved, temperature=seen + 273.15)
-    events = standstill_speed(gnss=made["gnss"], imu=None, params=StandstillSpeedParams())["events"]
+    return {**made, "imu": imu}, matrix(made["imu_truth"], "gyro_bias") + moved
+
+
+def stops(made: Any) -> Any:
+    """The stops that GNSS tells."""
+    return standstill_speed(gnss=made["gnss"], imu=None, params=StandstillSpeedParams())["events"]
+
+
+def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Array]:
+    """imu with temperature, events, and the true bias (n, 3) rad/s in motion."""
+    made, bias = warmed(seed, number, duration_s)
     still = np.linalg.norm(matrix(made["reference"], "vel"), axis=1) < 0.1
-    return imu, events, np.where(still[:, None], np.nan, matrix(made["imu_truth"], "gyro_bias") + moved)
+    return made["imu"], stops(made), np.where(still[:, None], np.nan, bias)
+
+
+def learnt(seed: int, duration_s: float, folder: str) -> GyroTemperatureParams:
+    """Of a device that has seen two drives before."""
+    remembering = GyroTemperatureParams(calibration=str(Path(folder, "device.json")))
+    for number in (0, 1):
+        before = warm_drive(seed, number, duration_s)
+        gyro_temperature(imu=before[0], events=before[1], params=remembering)
+    return remembering
+
+
+def mapped(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
+    """Errors of fuser.map without and with the model: horizontal in the outages m, of the heading deg."""
+    spans = tuple((start, start + 60.0) for start in np.arange(240.0, duration_s - 60.0, 300.0).tolist())
+    made, _ = warmed(seed, 2, duration_s, outages=spans)
+    reference = made["reference"]
+    t_s = seconds(reference)
+    silent = np.any([(t_s > start) & (t_s < stop) for start, stop in spans], axis=0)
+    with tempfile.TemporaryDirectory() as folder:
+        better = gyro_temperature(imu=made["imu"], events=stops(made), params=learnt(seed, duration_s, folder))["imu"]
+    errors: dict[str, float] = {}
+    for name, imu in (("without", made["imu"]), ("with", better)):
+        found = fuse_map(imu=imu, gnss=made["gnss"], wheel=None, attitude=None, params=MapParams())["trajectory"]
+        errors[f"{name} m"] = place_error(found, reference, silent)
+        yaw = to_euler(matrix(found, "q"))[0] - to_euler(matrix(reference, "q"))[0]
+        errors[f"{name} deg"] = float(np.degrees(np.sqrt(np.mean(wrap_angle(yaw) ** 2))))
+    return errors
 
 
 def case(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
@@ -67,18 +113,33 @@ def case(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
     first = events.slice(0, 1)
     found["first stop"] = gyro_offset(imu=imu, events=first, params=GyroOffsetParams())
     with tempfile.TemporaryDirectory() as folder:
-        remembering = GyroTemperatureParams(calibration=str(Path(folder, "device.json")))
-        for number in (0, 1):
-            before = warm_drive(seed, number, duration_s)
-            gyro_temperature(imu=before[0], events=before[1], params=remembering)
-        found["remembered"] = gyro_temperature(imu=imu, events=first, params=remembering)
+        found["remembered"] = gyro_temperature(imu=imu, events=first, params=learnt(seed, duration_s, folder))
     taken_off = {name: matrix(imu, "gyro") - matrix(streams["imu"], "gyro") for name, streams in found.items()}
     return {name: float(np.degrees(np.sqrt(np.nanmean((off - bias) ** 2)))) for name, off in taken_off.items()}
 
 
+def _print_mapped(seeds: range) -> None:
+    names = ("without m", "with m", "without deg", "with deg")
+    print("seed " + " ".join(f"{name:>12s}" for name in names), flush=True)
+    rows = []
+    for seed in seeds:
+        errors = mapped(seed)
+        rows.append([errors[name] for name in names])
+        print(f"{seed:4d} " + " ".join(f"{value:12.4f}" for value in rows[-1]), flush=True)
+    table = np.array(rows)
+    print("all  " + " ".join(f"{value:12.4f}" for value in np.median(table, axis=0)))
+    better = [int((table[:, i + 1] < table[:, i]).sum()) for i in (0, 2)]
+    print(f"better in {better[0]} (place) and {better[1]} (heading) of {len(table)}")
+
+
 def main() -> None:
     """Print a line for each seed and the medians."""
-    cases = [case(seed) for seed in range(int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS)]
+    words = sys.argv[1:]
+    seeds = range(int(words[0]) if words and words[0].isdigit() else SEEDS)
+    if "map" in words:
+        _print_mapped(seeds)
+        return
+    cases = [case(seed) for seed in seeds]
     print("seed " + " ".join(f"{name:>12s}" for name in METHODS) + "    deg/s")
     for seed, errors in enumerate(cases):
         print(f"{seed:4d} " + " ".join(f"{errors[name]:12.4f}" for name in METHODS))

@@ -11,8 +11,10 @@ from recon.driving import Trust, observe
 from recon.numerics.barometer import height_scale, pressure_height
 from recon.numerics.rotation import from_rotvec
 from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate
-from recon.tables import matrix, replace, time_ns
+from recon.tables import matrix, replace, time_ns, vector
 from recon.testing.drives import Conditions, drive
+from recon_simulators.drive import simulate_drive
+from recon_simulators.drive_params import DriveParams
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +26,7 @@ def aids(streams, **chosen):
     start_ns = int(time_ns(streams["imu"])[0])
     observed = observe(streams["gnss"], start_ns, Trust(), reported=True)
     given = {name: chosen.get(name) for name in ("baro", "ground", "visual")}
-    return aids_of(streams["imu"], *given.values(), observed, start_ns, AidTrust())
+    return aids_of(streams["imu"], *given.values(), observed, start_ns, AidTrust(), chosen.get("wheel"))
 
 
 def test_nothing_is_made_of_nothing(streams):
@@ -71,6 +73,28 @@ def test_a_camera_tells_turn_rates_and_directions(streams):
     # Turn rates of at most 0.5 rad/s over 0.1 s, the gyroscope's ten samples joined by the trapezoid rule.
     assert_allclose(rate.seen_s, rate.gyro_s, atol=2e-3)
     assert len(way.t_s) < visual.num_rows
+
+
+def test_the_steering_wheel_tells_turn_rates_about_the_vertical_axis(streams):
+    turned = vector(streams["wheel"], "speed") * 0.0 + 0.3  # rad, held: no bend tells the ratio
+    held = replace(streams["wheel"], steering_angle=turned)
+    assert aids(streams, wheel=streams["wheel"])[0] == ()
+    ((), (note,)) = aids(streams, wheel=held)
+    assert (note.name, note.note) == ("steering", "not used: too few bends to tell its ratio")
+
+
+def test_the_steering_wheel_agrees_with_the_gyroscope_on_a_drive_with_bends():
+    bends = simulate_drive(DriveParams(
+        motion="mixed", duration=400.0, imu_rate=50.0, seed=1, route=1, sensors="perfect", steering=True,
+        wheel_rate=20.0, wheel_scale=0.0, steering_wander=0.0,
+    ))  # fmt: skip
+    ((rate,), learnt) = aids(bends, wheel=bends["wheel"])
+    told = {row.name: row.value for row in learnt}
+    # 16 times 2.7 m, but for the arcus tangens, 4 % in a bend of 8 m.
+    assert told["steering_ratio_length"] == pytest.approx(43.2, rel=0.03)
+    assert told["steering_error"] < 0.3
+    apart = (rate.axes_s * (rate.gyro_s - rate.seen_s)).sum(axis=0)
+    assert np.median(np.abs(apart)) < np.radians(0.2)
 
 
 def test_without_directions_a_camera_tells_turn_rates_alone(streams):

@@ -543,6 +543,24 @@ def test_wheels_have_a_scale_error_and_noise_only_while_they_turn() -> None:
     assert np.std((told - scale * true)[moving]) == pytest.approx(0.02, rel=0.06)
 
 
+def test_the_steering_wheel_and_each_wheel_follow_the_bend() -> None:
+    exact = {"steering_noise": "0 deg", "steering_wander": "0 deg", "steering_offset": "0 deg", "tyre_scale": "0 %"}
+    streams = simulate(
+        motion="circle", radius="50 m", speed="36 km/h", sensors="perfect", steering=True, wheel_rate="10 Hz",
+        wheel_scale="0 %", wheel_noise="0 m/s", **exact,
+    )  # fmt: skip
+    wheel, reference = streams["wheel"], streams["reference"]
+    rate = matrix(reference, "gyro")[np.searchsorted(time_ns(reference), time_ns(wheel)), 2]
+    speed = vector(wheel, "speed")
+    turning = np.abs(rate) > 0.19  # rad/s: 10 m/s on 50 m
+    assert turning.sum() > 100
+    apart = vector(wheel, "speed_rear_right") - vector(wheel, "speed_rear_left")
+    # The body rolls and the Earth turns: some 1e-4 of the rate.
+    np.testing.assert_allclose(apart[turning], 1.55 * rate[turning], rtol=1e-2)
+    front = np.arctan(2.7 * rate / np.maximum(speed, 1.0)) + np.radians(0.1) * speed * rate
+    np.testing.assert_allclose(vector(wheel, "steering_angle")[turning], 16.0 * front[turning], rtol=1e-2)
+
+
 def test_each_route_of_the_mixed_drive_is_another() -> None:
     ends = [
         matrix(simulate(motion="mixed", duration="120 s", route=route)["reference"], "pos")[-1] for route in range(8)
