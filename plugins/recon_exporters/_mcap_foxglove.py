@@ -31,6 +31,7 @@ from recon_exporters._mcap_protobuf import (
     whole,
 )
 from recon_exporters._mcap_schemas import DEFINITIONS
+from recon_exporters._words import unit_symbol, words
 
 LOCAL: Final = "local"
 VEHICLE: Final = "vehicle"
@@ -165,10 +166,10 @@ def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int)
     if events is not None:
         begin, end = time_ns(events), time_ns(events, "end_time")
         for row, event in enumerate(events.select(["kind", "value", "unit", "note"]).to_pylist()):
-            size = "" if event["value"] is None else f" {event['value']:.6g} {event['unit'] or ''}".rstrip()
+            size = "" if event["value"] is None else f" {event['value']:.6g} {unit_symbol(event['unit'])}".rstrip()
             lasted = duration_text(float(end[row] - begin[row]) * 1e-9)
             note = f": {event['note']}" if event["note"] else ""
-            lines.append((int(begin[row]), _INFO, "event", f"{event['kind']}{size} for {lasted}{note}"))
+            lines.append((int(begin[row]), _INFO, "event", f"{words(event['kind'])}{size} for {lasted}{note}"))
     lines.sort(key=lambda line: line[0])
     t_ns = np.array([line[0] for line in lines], dtype=np.int64)
     bodies = [

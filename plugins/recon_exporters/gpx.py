@@ -37,6 +37,7 @@ from recon_exporters._tracks import (
     joined,
     xml,
 )
+from recon_exporters._words import words
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <gpx version="1.1" creator="recon" xmlns="http://www.topografix.com/GPX/1/1"
@@ -72,11 +73,11 @@ def _waypoint(mark: Mark) -> str:
     """An event; its unit stands with its value in the description, all that it says in the extensions."""
     shown = [f"{mark.facts['duration']:g} s", f"{mark.facts.get('value', '')} {mark.facts.get('unit', '')}".strip()]
     shown.append(str(mark.facts.get("note", "")))
+    names = f"<name>{xml(words(mark.kind))}</name><desc>{xml('; '.join(filter(None, shown)))}</desc>"
     height = f"<ele>{mark.height:.3f}</ele>" if np.isfinite(mark.height) else ""
     return (
         f'<wpt lat="{mark.lat:.{PLACE_DIGITS}f}" lon="{mark.lon:.{PLACE_DIGITS}f}">{height}<time>{mark.time}</time>'
-        f"<name>{xml(mark.kind)}</name><desc>{xml('; '.join(filter(None, shown)))}</desc><type>{xml(mark.kind)}</type>"
-        f"{_own(mark.facts)}</wpt>\n"
+        f"{names}<type>{xml(mark.kind)}</type>{_own(mark.facts)}</wpt>\n"
     )
 
 

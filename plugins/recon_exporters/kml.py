@@ -37,6 +37,7 @@ from recon_exporters._tracks import (
     joined,
     xml,
 )
+from recon_exporters._words import words
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">
@@ -119,7 +120,7 @@ def _event(mark: Mark, *, absolute: bool) -> str:
     data = "".join(f'<Data name="{name}"><value>{xml(fact)}</value></Data>' for name, fact in mark.facts.items())
     place = f"{mark.lon:.{PLACE_DIGITS}f},{mark.lat:.{PLACE_DIGITS}f}" + (f",{mark.height:.3f}" if absolute else "")
     return (
-        f"<Placemark>\n<name>{xml(mark.kind)}</name>\n<TimeSpan>{span}</TimeSpan>\n"
+        f"<Placemark>\n<name>{xml(words(mark.kind))}</name>\n<TimeSpan>{span}</TimeSpan>\n"
         f"<ExtendedData>{data}</ExtendedData>\n"
         f"<Point>{_mode(absolute=absolute)}<coordinates>{place}</coordinates></Point>\n</Placemark>\n"
     )

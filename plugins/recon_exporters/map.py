@@ -28,6 +28,7 @@ from recon.stages import Exporter
 from recon_exporters._page import asset, embedded
 from recon_exporters._style import EVENTS, OTHER_EVENT, STYLES
 from recon_exporters._tracks import DIGITS, PLACE_DIGITS, READS, MapParams, Mark, Track, chart_of, iso_8601
+from recon_exporters._words import words
 
 _ROLES: Final = {"trajectory": "trajectory 1", "gnss": "gnss 1"}
 
@@ -91,7 +92,7 @@ def _track(track: Track) -> dict[str, Any]:
 
 def _mark(mark: Mark) -> dict[str, Any]:
     color = EVENTS.get(mark.kind, OTHER_EVENT)
-    return {"kind": mark.kind, "time": mark.time, "place": [mark.lat, mark.lon], "color": color, **mark.facts}
+    return {"kind": words(mark.kind), "time": mark.time, "place": [mark.lat, mark.lon], "color": color, **mark.facts}
 
 
 @hookimpl

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import zlib
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +22,7 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from recon.cli.view import _viewer
 from recon.errors import DataError
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
@@ -319,6 +319,5 @@ def test_times_before_1970_are_refused(tmp_path):
 def test_rerun_finds_nothing_wrong(tmp_path):
     """Another reader, in another language: `rerun mcap check` decodes every message."""
     path = export(tmp_path, everything())
-    rerun = Path(sys.executable).with_name("rerun")
-    checked = subprocess.run([rerun, "mcap", "check", "--full", path], capture_output=True, text=True, check=False)
+    checked = subprocess.run([_viewer(), "mcap", "check", "--full", path], capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stdout + checked.stderr

@@ -45,10 +45,11 @@
     L.circleMarker(mark.place, {radius: 7, weight: 3, color: mark.color, fillColor: "#fff", fillOpacity: 0.9})
       .addTo(everything).bindTooltip(`<b>${text(mark.kind)}</b>${lines}`);
   }
+  const above = {direction: "top", offset: [0, -6]}, below = {direction: "bottom", offset: [0, 6]};
   const first = data.tracks[0].pieces[0].place[0], last = data.tracks[0].pieces.at(-1).place.at(-1);
   for (const [place, name] of [[first, "start"], [last, "end"]]) {
     L.circleMarker(place, {radius: 5, weight: 2, color: "#1a1a1a", fillColor: "#fff", fillOpacity: 1})
-      .addTo(everything).bindTooltip(name, {permanent: true, direction: "top", offset: [0, -6]});
+      .addTo(everything).bindTooltip(name, {permanent: true, ...(name === "start" ? above : below)});
   }
   map.fitBounds(everything.getBounds(), {maxZoom: 19, paddingTopLeft: [40, 150], paddingBottomRight: [40, 50]});
 
@@ -84,9 +85,11 @@
   const about = L.control({position: "topright"});
   const names = data.tracks.map(track =>
     `<i class="${track.dots ? "dots" : ""}" style="border-color:${track.color}"></i>${text(track.name)}<br>`).join("");
+  const kinds = [...new Map(data.marks.map(mark => [mark.kind, mark.color]))].map(([kind, color]) =>
+    `<i class="ring" style="border-color:${color}"></i>${text(kind)}<br>`).join("");
   about.onAdd = () => {
     const box = L.DomUtil.create("div", "about");
-    box.innerHTML = `<b>${text(data.name)}</b>${names}<p class="ground"></p>`;
+    box.innerHTML = `<b>${text(data.name)}</b>${names}${kinds}<p class="ground"></p>`;
     box.title = data.note;
     return box;
   };
