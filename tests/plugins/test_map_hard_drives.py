@@ -4,7 +4,8 @@ An ordinary drive of ten minutes with the errors of study_two is to be within 2.
 m/s, 0.035 deg of level and 0.10 deg of heading of the box, on average of many drives. A single drive is worse: the
 slow error of 1.8 m in 120 s hardly averages out in 600 s, and the worst of two dozen drives may be 1.55 times their
 mean. One drive is held to 1.75 times the limit (the worst of ten is so far from their root mean square), the median
-of eight with RECON_TEST_THOROUGH=1 to the limit itself.
+of eight with RECON_TEST_THOROUGH=1 to 1.15 times: drives scatter by a fifth, medians of eight by a fifth over root of
+eight, times 1.25 for a median and 1.65 for one side of 95 %.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from recon.numerics.rotation import from_euler, multiply
 from recon.rows import warnings_of
 
 SEEDS = range(20, 28) if THOROUGH else range(20, 21)
-SLACK = 1.0 if THOROUGH else 1.75
+SLACK = 1.15 if THOROUGH else 1.75
 MOUNTING = tuple(np.radians([-3.0, 4.0, 12.0]))
 """That of study_two: roll, pitch, yaw."""
 
@@ -77,13 +78,16 @@ def noise(factor: float) -> dict[str, Any]:
 # What is coarser has limits of its own:
 # - at 10 Hz the vibration of 0.3 m/s^2 falls into the band of motion: its density, 0.13 m/s^2/sqrt(Hz) at most, is
 #   fifty times that of the noise, and velocities of 0.1 m/s each second average only a few of them
-# - without velocities these are known from positions of 1.1 m, white: half of the accuracy is left
+# - without velocities these are known from positions of 1.1 m, white: half of the accuracy is left; and nothing but the
+#   IMU, good for some ten seconds, tells slow error from motion: positions worse by a third, as the study found
 # - speeds in steps of 1 km/h are uncertain by 0.08 m/s more, courses of 1 deg by 0.3 deg
 # - in bursts of 60 s a fifth of the fixes is wrong by 8 to 35 m together, which is half a slow error itself: 9 m root
 #   mean square, of which a third must be gone; how much differs from drive to drive
 # - while it stands, tilt and bias of the accelerometer are one, and the bias wanders by 0.4 mg, which is 0.024 deg;
 #   the heading may creep by 3e-5 rad/sqrt(s), in an hour by 0.1 deg
-# - 150 s are hardly more than one slow error, which does not average out: twice as much
+# - 150 s are hardly more than one slow error, which does not average out: twice as much; a quarter of the bends tells
+#   the heading half as well
+# - where the IMU is silent for two thirds of the time, heights there are those of GNSS, 3 m: with 2.1 m elsewhere 2.7 m
 # - in reverse it goes at 2 m/s on average, and the heading that wheels tell is as much worse
 # - without fixes for ten minutes and more see the tests below
 CASES = {
@@ -113,7 +117,7 @@ CASES = {
     "imu at 10 Hz": Case({"imu_rate": 10.0, "vibration_band": (1.0, 4.5)}, velocity=0.05, heading=0.15),
     "imu at 50 Hz": Case({"imu_rate": 50.0, "vibration_band": (8.0, 22.0)}),
     "imu at 200 Hz": Case({"imu_rate": 200.0}),
-    "imu at 1000 Hz": Case({"imu_rate": 1000.0, "duration": 150.0}, horizontal=4.2, vertical=4.2),
+    "imu at 1000 Hz": Case({"imu_rate": 1000.0, "duration": 150.0}, horizontal=4.2, vertical=4.2, heading=0.2),
     "imu with jitter": Case({"imu_jitter": 0.004}),
     "imu silent for 0.5 s": Case(
         {"outage_rate": 0.0}, edit=silent(*((t, t + 0.5) for t in range(60, 560, 50))), velocity=0.06, heading=0.3
@@ -122,7 +126,9 @@ CASES = {
         {"outage_rate": 0.0}, edit=silent((150, 155), (300, 305), (450, 455)), velocity=0.05, heading=0.15
     ),
     "imu silent for 60 s": Case({"outage_rate": 0.0}, edit=silent((300, 360)), heading=0.15),
-    "imu silent for 20 min": Case({"duration": 1800.0, "outage_rate": 0.0}, edit=silent((300, 1500)), heading=0.15),
+    "imu silent for 20 min": Case(
+        {"duration": 1800.0, "outage_rate": 0.0}, edit=silent((300, 1500)), heading=0.15, vertical=2.7
+    ),
     "bursts of 60 s": Case(
         {"multipath": 0.2, "multipath_length": (60.0, 60.0)},
         horizontal=6.0,
@@ -143,7 +149,11 @@ CASES = {
         heading=0.15,
     ),
     "positions alone": Case(
-        edit=without("speed", "course", "vel_e", "vel_n", "vel_u"), velocity=0.08, heading=0.2, level=0.04
+        edit=without("speed", "course", "vel_e", "vel_n", "vel_u"),
+        horizontal=2.8,
+        velocity=0.08,
+        heading=0.2,
+        level=0.04,
     ),
     "sigmas twice too large": Case({"gnss_told_sigma": 2.0}),
     "sigmas half as large": Case({"gnss_told_sigma": 0.5}),
@@ -287,11 +297,13 @@ def test_corrected_fixes_give_centimetres_and_decimetres_after_a_minute_without(
     for seed in SEEDS:
         streams = drive(sensors="rtk", seed=seed, outages=((300.0, 360.0),), imu_rate=100.0)
         found.append(errors(streams, fused(streams)))
-    # Without the outage; in it the limit is that of the middle of sixty seconds.
+    # In the outage, bridged from both ends: tilt that wanders with the noise of the gyroscope and the noise of the
+    # accelerometer leave 0.07 m on each axis, heading 0.05 m across at 15 m/s, 0.11 m together; twice that, for biases
+    # and scales are learnt from the same ten minutes.
     inside = [one.horizontal((300.0, 360.0)) for one in found]
     outside = [np.hypot(one.horizontal((0.0, 299.0)), one.horizontal((361.0, 600.0))) / np.sqrt(2.0) for one in found]
     assert np.median(outside) < 0.05
-    assert np.median(inside) < SLACK * 0.15
+    assert np.median(inside) < 0.22
 
 
 def test_a_wrong_unit_of_speed_is_said_loudly() -> None:
