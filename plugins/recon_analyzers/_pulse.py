@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,7 +10,22 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon import Array, has, matrix, meta, time_ns, vector
+from recon import (
+    EVENTS,
+    IMU,
+    KNOTS,
+    METRICS,
+    TRAJECTORY,
+    Array,
+    Params,
+    has,
+    matrix,
+    meta,
+    quantity,
+    setting,
+    time_ns,
+    vector,
+)
 from recon.knots import VELOCITY, Knots
 from recon.numerics.budget import Doubt, Pulse
 from recon.numerics.geodesy import STANDARD_GRAVITY
@@ -17,7 +33,8 @@ from recon.numerics.rotation import conjugate, rotate, shortest_arc
 from recon.numerics.saturation import clipped, hidden
 from recon.numerics.signals import median_rate
 from recon.rows import spans
-from recon.sensor_classes import typical
+from recon.schema import Need
+from recon.sensor_classes import SensorClass, typical
 from recon.tables import measured_axes, schema_of
 
 LEAD_S: Final = 0.5
@@ -32,6 +49,25 @@ LINEARITY: Final = 0.004
 """Sigma of the further scale error at the accelerations of an impact; data sheets allow 0.5 % of full scale."""
 _WAKE_UP: Final = (0.8 / 3.6, 0.02)
 """m/s and s, by which time zero is found."""
+
+
+NEEDS: Final[Mapping[str, Need]] = {
+    "trajectory": TRAJECTORY.need(maybe=["accel", "gyro", "vel", "q", "vel_std"], optional=True),
+    "imu": IMU.need("accel", maybe=["gyro"], optional=True),
+    "knots": KNOTS.need("root", "chain", "shared", "gyro_noise", "accel_noise", optional=True),
+    "events": EVENTS.need("time", "end_time", "kind", optional=True),
+    "metrics": METRICS.need("name", "sigma", optional=True),
+}
+"""Streams that tell an impact and its doubts."""
+
+
+class PulseParams(Params):
+    """What is taken for granted of an IMU that felt an impact."""
+
+    sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
+    mounting_sigma: float = quantity(
+        1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
+    )
 
 
 @dataclass(frozen=True)
@@ -135,30 +171,26 @@ def _turn(box: Array, vehicle: Array) -> Array:
 
 @dataclass(frozen=True)
 class Known:
-    """What a run knows of its accelerations; `doubt` says what may be wrong with a pulse of them.
-
-    mounting_sigma : rad, where no step has told how well the axes of the vehicle are known
-    """
+    """What a run knows of its accelerations; `doubt` says what may be wrong with a pulse of them."""
 
     motion: Motion
     trajectory: pa.Table | None
     knots: pa.Table | None
     metrics: pa.Table | None
-    sensor_class: str
-    mounting_sigma: float
+    params: PulseParams
 
     def doubt(self, pulse: Pulse, zero_ns: int) -> Doubt:
         """Sigmas for a pulse with that time zero."""
         told = {name: self._learnt_sigma(f"mount_{name}") for name in ("roll", "pitch", "yaw")}
-        tilt = [self.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told.values()]
+        tilt = [self.params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told.values()]
         noise, bias = noise_of(self.motion, zero_ns), self._constant(zero_ns)
         facts = meta(self.trajectory) if self.trajectory is not None else {}
         return Doubt(
             bias=bias,
-            scale=float(np.hypot(typical(self.sensor_class, "accel_scale"), LINEARITY)),
+            scale=float(np.hypot(typical(self.params.sensor_class, "accel_scale"), LINEARITY)),
             tilt=np.array(tilt),
-            gyro_bias=typical(self.sensor_class, "gyro_bias") if self.trajectory is None else 0.0,
-            gyro_scale=typical(self.sensor_class, "gyro_scale"),
+            gyro_bias=typical(self.params.sensor_class, "gyro_bias") if self.trajectory is None else 0.0,
+            gyro_scale=typical(self.params.sensor_class, "gyro_scale"),
             lever=np.asarray(facts.get("lever_arm_sigma", (0.0, 0.0, 0.0)), dtype=np.float64),
             time=_time_sigma(pulse, bias, noise),
             noise=noise,
@@ -179,7 +211,7 @@ class Known:
                 q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
                 axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)
                 return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / LEAD_S)
-        return np.full(3, typical(self.sensor_class, "accel_bias"))
+        return np.full(3, typical(self.params.sensor_class, "accel_bias"))
 
     def _learnt_sigma(self, name: str) -> float | None:
         """Sigma of the last row of a metric that has one."""

@@ -24,15 +24,10 @@ import pyarrow as pa
 
 from recon import (
     EVENTS,
-    IMU,
-    KNOTS,
-    METRICS,
-    TRAJECTORY,
     Analyzer,
     Array,
     Event,
     Metric,
-    Params,
     Streams,
     events,
     hookimpl,
@@ -46,8 +41,7 @@ from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
 from recon.numerics.channel_class import LEAST_RATE, channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
-from recon.sensor_classes import SensorClass
-from recon_analyzers._pulse import Known, Motion, motion_of, pulse_at, speed_at
+from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at, speed_at
 
 _OLDEST_DELTA_V_S: Final = 0.3
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
@@ -82,13 +76,9 @@ _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_
 """What can be told where nobody knows which way is forward."""
 
 
-class CrashParams(Params):
+class CrashParams(PulseParams):
     """Parameters of analyzer.crash."""
 
-    sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
-    mounting_sigma: float = quantity(
-        1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
-    )
     head_ahead: float = quantity(0.0, "m", doc="How far the head sits ahead of the point whose motion is given.")
     restitution: float | None = setting(
         None, ge=0, le=1, doc="Speed after over speed before, where it hit a wall: tells speed_before without GNSS."
@@ -117,7 +107,7 @@ def analyze_crash(
         return _answer([], [Metric("impacts", 0.0, note=why)])
     pulses = [(span, pulse_at(motion, span[0], imu, events)) for span in found]
     impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
-    known = Known(motion, trajectory, knots, metrics, params.sensor_class, params.mounting_sigma)
+    known = Known(motion, trajectory, knots, metrics, params)
     told = [(span, pulse, _told(pulse, known.doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
@@ -268,13 +258,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
         params=CrashParams,
         run=analyze_crash,
-        reads={
-            "trajectory": TRAJECTORY.need(maybe=["accel", "gyro", "vel", "q", "vel_std"], optional=True),
-            "imu": IMU.need("accel", maybe=["gyro"], optional=True),
-            "knots": KNOTS.need("root", "chain", "shared", "gyro_noise", "accel_noise", optional=True),
-            "events": EVENTS.need("time", "end_time", "kind", optional=True),
-            "metrics": METRICS.need("name", "sigma", optional=True),
-        },
+        reads=NEEDS,
         writes={"events": EVENTS},
         references=("49 CFR 563", "SAE J211-1", "EN 1317-1:1998, 2010", "MASH 2016, appendix F"),
     )

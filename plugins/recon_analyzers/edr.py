@@ -24,21 +24,15 @@ import numpy as np
 import pyarrow as pa
 
 from recon import (
-    EVENTS,
     GNSS,
-    IMU,
-    KNOTS,
     METRICS,
-    TRAJECTORY,
     Analyzer,
     Array,
     Metric,
-    Params,
     Streams,
     build,
     hookimpl,
     metrics,
-    quantity,
     setting,
 )
 from recon.edr import (
@@ -64,23 +58,18 @@ from recon.numerics.channel_class import channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
 from recon.schema import Schema
-from recon.sensor_classes import SensorClass
 from recon_analyzers._edr_sheet import Rows, less_gnss, sheet_of, verdict
-from recon_analyzers._pulse import Known, motion_of, pulse_at, speed_at
+from recon_analyzers._pulse import NEEDS, Known, PulseParams, motion_of, pulse_at, speed_at
 
 _SAE: Final = np.array([1.0, -1.0, -1.0])
 """ISO 8855 to SAE J1698."""
 
 
-class EdrParams(Params):
+class EdrParams(PulseParams):
     """Parameters of analyzer.edr."""
 
     rule: Rule = setting("2006", doc="Pre-crash data: 2006 for 5 s at 2 Hz, 2024 for 20 s at 10 Hz.")
     rounded: bool = setting(True, doc="Values in the resolution of the regulation; false: as they are.")
-    sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
-    mounting_sigma: float = quantity(
-        1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
-    )
 
 
 def analyze_edr(
@@ -107,7 +96,7 @@ def analyze_edr(
         before += _before(trajectory, number, zero_ns, params)
         pulse = pulse_at(motion, zero_ns, imu, events) if motion is not None and motion.directed else None
         if motion is not None and pulse is not None:
-            known = Known(motion, trajectory, knots, metrics, params.sensor_class, params.mounting_sigma)
+            known = Known(motion, trajectory, knots, metrics, params)
             rows, largest = _after(pulse, known, number, zero_ns, end_ns)
             after += rows
             learnt += largest
@@ -234,11 +223,8 @@ def declare_analyzers() -> Iterable[Analyzer]:
         params=EdrParams,
         run=analyze_edr,
         reads={
-            "trajectory": TRAJECTORY.need(maybe=["accel", "gyro", "vel", "q", "vel_std"], optional=True),
-            "imu": IMU.need("accel", maybe=["gyro"], optional=True),
-            "knots": KNOTS.need("root", "chain", "shared", "gyro_noise", "accel_noise", optional=True),
+            **NEEDS,
             "gnss": GNSS.need(maybe=["speed"], optional=True),
-            "events": EVENTS.need("time", "end_time", "kind", optional=True),
             "metrics": METRICS.need("name", "value", "sigma", optional=True),
             "recorded_pre_crash": recorded,
             "recorded_crash": recorded,

@@ -1,8 +1,8 @@
 """What a log says of its own conventions: units, axes, clocks, samples, the receiver, noise.
 
 No convention is believed because it is written somewhere: each is held against the physics of driving, against another
-sensor, or against itself. Modules by family: units, axes (and mounting), clocks (and lags), samples, receiver, noise;
-`motion` is what the first two rest on.
+sensor, or against itself. Modules by family: units; axes, mounting; clocks, lags, drift; samples; receiver; noise;
+`motion` is what units and axes rest on.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from recon.numerics.doctor import axes, clocks, noise, receiver, samples, units
+from recon.numerics.doctor import axes, clocks, drift, lags, mounting, noise, receiver, samples, units
 from recon.numerics.doctor.finding import Curve, Finding, Picture, Status, unknown
 from recon.numerics.doctor.log import Claims, Gnss, Imu, Log
 from recon.numerics.doctor.motion import Motion, motion_of
@@ -79,16 +79,16 @@ def _of_both(imu: Imu | None, gnss: Gnss | None, claims: Claims, classes: Sequen
     if gnss is not None:
         clock = clocks.clocks_of(usual, gnss)
         motion = motion_of(imu, gnss, clock.whole_s)
-        drift = clocks.drift(clock, gnss)
-        lags = [clocks.velocity_lag(clock, usual, gnss), clocks.position_lag(clock, gnss)]
-        if drift.value == clocks.JUMP:
-            lags = [
-                unknown(one.code, "One of the clocks jumps, see clock_drift: no lag holds throughout.") for one in lags
+        run = drift.clock_drift(clock, gnss)
+        late = [lags.velocity_lag(clock, usual, gnss), lags.position_lag(clock, gnss)]
+        if run.value == drift.JUMP:
+            late = [
+                unknown(one.code, "One of the clocks jumps, see clock_drift: no lag holds throughout.") for one in late
             ]
         found += [
             units.speed_unit(gnss, motion, claims),
-            *lags,
-            drift,
+            *late,
+            run,
             clocks.leap_seconds(clock),
             clocks.time_zone(clock, imu, gnss),
         ]
@@ -99,7 +99,7 @@ def _of_both(imu: Imu | None, gnss: Gnss | None, claims: Claims, classes: Sequen
         axes.forward_axis(made),
         axes.handedness(made, claims),
         axes.inverted_axis(made),
-        axes.mounting(made, motion, imu),
+        mounting.mounting(made, motion, imu),
     ]
     fix_s = gnss.t_s - clock.whole_s if gnss is not None else np.zeros(0)
     speed = gnss.over_ground if gnss is not None else np.zeros(0)
