@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 STAGE: Final = "analyzer.doctor"
 _HEADS: Final = {
-    "contradicted": "contradicted by the data",
-    "confirmed": "confirmed",
+    "contradicted": "wrong, as the data show",
+    "confirmed": "right, as far as the data show",
     "unknown": "not told by this log",
 }
 _WIDTH: Final = 100
@@ -138,7 +138,7 @@ def _amount(value: float | None, unit: str) -> str:
 
 def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]) -> str:
     counts = {status: sum(one["status"] == status for one in found) for status in _HEADS}
-    told = ", ".join(f"{count} {_HEADS[status]}" for status, count in counts.items())
+    told = ", ".join(f"{count} {_HEADS[status].partition(',')[0]}" for status, count in counts.items())
     lines = [f"{name}: {told}"]
     for status, head in _HEADS.items():
         some = [one for one in found if one["status"] == status]

@@ -49,12 +49,12 @@ def clocks_of(imu: Imu, gnss: Gnss) -> Clocks:
     """Where the clocks stand to each other: at one, apart by leap seconds, or by the zones that bring them together.
 
     Of the shifts at which a lag of less than two seconds stands out the likeliest is taken, another one than none only
-    where it is so clearly: long drives resemble themselves here and there.
+    where it is clearly likelier than that, and than no relation at all: long drives resemble themselves here and there.
     """
     blocks = blocks_of(imu)
     if blocks is None:
         return Clocks(0.0, UNKNOWN, None)
-    best, best_told = Clocks(0.0, UNKNOWN, blocks), -np.inf
+    best, best_told = Clocks(0.0, UNKNOWN, blocks), _CLEARLY
     for shift in _shifts(imu, gnss):
         own = gnss.later(-shift)
         if _overlap(imu.t_s, own.t_s) < _LEAST_OVERLAP_S:
@@ -63,7 +63,7 @@ def clocks_of(imu: Imu, gnss: Gnss) -> Clocks:
         if not np.isfinite(lag.sigma):
             continue
         told = _told(imu, own, lag.seconds) + (_CLEARLY if shift == 0.0 else 0.0)
-        if told > best_told:
+        if told >= best_told:
             best, best_told = (
                 Clocks(_nearest(shift, lag), Lag(shift + lag.seconds - _nearest(shift, lag), lag.sigma), blocks),
                 told,

@@ -23,7 +23,7 @@ def mounting(axes: Axes | None, motion: Motion | None, imu: Imu) -> Finding:
     t_s, felt = _felt(imu, motion)
     value = _angles(axes)
     if len(t_s) < 6:
-        return confirmed(code, value, f"The record is too short to see the box move. {value}")
+        return confirmed(code, value, f"The record is too short to see the box move: {value}.")
     angle, at, spread = _moved(t_s, felt)
     numbers = {"turned_deg": angle, "at_s": at, "usual_deg": spread}
     if angle > max(_MOVED_DEG, 5.0 * spread):
@@ -32,7 +32,8 @@ def mounting(axes: Axes | None, motion: Motion | None, imu: Imu) -> Finding:
             "Cut the log there and take each part by itself."
         )
         return contradicted(code, round(angle, 1), text, confidence_of(angle / max(spread, 0.5)), **numbers)
-    return confirmed(code, value, f"The box stayed as it was mounted: {value}.", **numbers)
+    where = "" if axes.rot_sv is None else " (roll leans it to the side, pitch dips its nose, yaw turns it to the left)"
+    return confirmed(code, value, f"The box stayed as it was mounted: {value}{where}.", **numbers)
 
 
 def _angles(axes: Axes) -> str:

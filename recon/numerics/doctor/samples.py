@@ -62,7 +62,8 @@ def jitter(imu: Imu) -> Finding:
     numbers = {"mad_s": size, "std_s": wide, "usual_s": usual}
     spread = max(size, 0.5 * wide)
     if spread <= _JITTER * usual:
-        text = f"The times of the IMU are even: a step is {1e3 * usual:.4g} ms, give or take {1e3 * size:.2g} ms."
+        least = max(1e3 * size, 1e-3)
+        text = f"The times of the IMU are even: a step is {1e3 * usual:.4g} ms, give or take {least:.2g} ms."
         return confirmed(code, size, text, **numbers)
     text = (
         f"The times of the IMU are uneven: a step is {1e3 * usual:.4g} ms, give or take {1e3 * spread:.2g} ms. Either "
