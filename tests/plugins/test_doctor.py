@@ -208,6 +208,13 @@ def test_the_axes_of_comma2k19_are_confirmed_as_logged(capsys, logs):
     assert found["forward_axis"]["value"] == "+x"
 
 
+def test_a_copter_that_ends_on_its_head_has_no_leap_seconds(capsys, logs):
+    """Its accelerometer explains nothing of its speed, at no shift of the clocks."""
+    found = findings_of([logs / "formats" / "ardupilot_bin" / "log171.bin"], capsys=capsys)
+    assert found["leap_seconds"]["status"] == "unknown"
+    assert found["mounting"]["value"] == pytest.approx(180.0, abs=5.0)
+
+
 def test_the_scooter_saturates_at_8_g(capsys, logs):
     found = findings_of([logs / "accidetec_scooter" / "Crashtest.tsv"], "scooter.yaml", capsys)
     assert found["clipping"]["status"] == "contradicted"

@@ -26,8 +26,8 @@ _BLOCK_S: Final = 0.1
 _FEWEST: Final = 8
 """Changes of speed."""
 _LEAST_OVERLAP_S: Final = 30.0
-_CLEARLY: Final = 15.0
-"""Of the log-likelihood."""
+_CLEARLY, _AT_ALL = 15.0, 4.0
+"""Of the log-likelihood, over none and over no relation."""
 _QUARTER_S: Final = 900.0
 
 
@@ -49,12 +49,13 @@ def clocks_of(imu: Imu, gnss: Gnss) -> Clocks:
     """Where the clocks stand to each other: at one, apart by leap seconds, or by the zones that bring them together.
 
     Of the shifts at which a lag of less than two seconds stands out the likeliest is taken, another one than none only
-    where it is clearly likelier than that, and than no relation at all: long drives resemble themselves here and there.
+    where it is clearly likelier than that, and likelier than no relation: long drives resemble themselves here and
+    there.
     """
     blocks = blocks_of(imu)
     if blocks is None:
         return Clocks(0.0, UNKNOWN, None)
-    best, best_told = Clocks(0.0, UNKNOWN, blocks), _CLEARLY
+    best, best_told = Clocks(0.0, UNKNOWN, blocks), _AT_ALL
     for shift in _shifts(imu, gnss):
         own = gnss.later(-shift)
         if _overlap(imu.t_s, own.t_s) < _LEAST_OVERLAP_S:
