@@ -184,8 +184,7 @@ class LiveMap:
         k = int(may[-1])
         first = slice(0, k)
         smoother = Smoother(part_of(found.smoother.drive, first), found.smoother.model, found.smoother.arrival)
-        smoother.mounting, smoother.moved_lag = found.smoother.mounting, found.solved.moved_lag
-        smoother.first_rot_ns, smoother.origin_n = found.smoother.first_rot_ns, found.smoother.origin_n
+        smoother.datum, smoother.moved_lag = found.smoother.datum, found.solved.moved_lag
         try:
             part = with_covariances(smoother, smoother.about(knots_of(found.solved.state, first), found.solved.noise))
         except np.linalg.LinAlgError:

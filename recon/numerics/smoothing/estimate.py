@@ -61,7 +61,7 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     solved = _without_outliers(smoother, state, noise)
     if model.mounting is None and flip_needed(forward_speed(solved.state)):
         turned = np.diag([-1.0, -1.0, 1.0])
-        smoother.mounting = turned @ smoother.mounting
+        smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
     return with_covariances(smoother, solved)
 
@@ -101,7 +101,7 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     chosen = _most_motion(smoother)
     whole = chosen == slice(0, smoother.drive.samples.intervals)
     part = smoother if whole else Smoother(part_of(smoother.drive, chosen), smoother.model)
-    part.mounting = smoother.mounting
+    part.datum = part.datum.mounted(smoother.datum.rot_vs)
     state = start if whole else knots_of(start, chosen)
     noise = at_least_still(noise, smoother.still_noise)
     for _ in range(_MOST_ROUNDS):

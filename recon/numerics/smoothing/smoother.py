@@ -38,30 +38,21 @@ from recon.numerics.smoothing.measurements import (
 from recon.numerics.smoothing.model import Drive, Impact, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
+from recon.numerics.smoothing.priors import Datum, add_priors, free_of
 from recon.numerics.smoothing.robust import SHARPEST, Loss, Sharpness, kept_together, robust_weights
 from recon.numerics.smoothing.samples import Samples
-from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
+from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Integrated, Linearised, Parts, Solved
 from recon.numerics.smoothing.start import fix_motion
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
-    ACCEL_SCALE,
     COMMON_SIZE,
     GYRO_BIAS,
-    GYRO_SCALE,
     KNOT_SIZE,
     LAG,
-    LEVER,
-    MOUNT,
-    PITCH,
     POSITION,
-    REAR,
-    ROLL,
     ROTATION,
     SCALES,
-    SLIP,
-    VELOCITY_LAG,
-    WHEEL,
     State,
 )
 from recon.numerics.smoothing.stops import SLOW, Mask, block_means, still_blocks, still_noise, still_spans
@@ -80,8 +71,6 @@ _STALE_LAG: Final = 0.02
 """s; a lag beyond this moves the stamps, for velocity times lag is only its first order."""
 _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
-_CONVENTION: Final = 1e-4
-"""m and rad; sigma of a first position and heading that nothing measures, and which are set to be what they are."""
 _FROZEN: Final = 1e-4
 """Of the time of an impact in which biases walk; not nought, lest they have no relation."""
 _NEAR_S: Final = 0.1
@@ -124,13 +113,8 @@ class Smoother:
         self.normal = Normal(samples.intervals + 1)
         self.aids = [aid.at(knots) for aid in drive.aids]
         self._increments: Increments | None = None
-        self.first_rot_ns, self.origin_n = np.eye(3)[..., None], np.zeros(3)
-        located = np.asarray(np.isfinite(drive.fixes.pos_sigma).any(axis=1))
-        self.origin_sigma = np.where(located, np.inf, _CONVENTION)
-        directed = located[:2].all() or bool((np.isfinite(drive.fixes.vel_sigma[1]) & ~drive.fixes.speed_only).any())
-        self.heading_sigma = np.array([np.inf, np.inf, np.inf if directed else _CONVENTION])
-        self.mounting = np.eye(3) if model.mounting is None else model.mounting
-        self.free = np.ones(COMMON_SIZE, dtype=bool) if arrival is None else arrival.free
+        self.datum = Datum.of(drive.fixes, model.mounting)
+        self.free = free_of(model) if arrival is None else arrival.free
         self._place()
 
     def _first_lag(self) -> float:
@@ -345,7 +329,7 @@ class Smoother:
             return
         add_value(normal, 0, GYRO_BIAS, state.gyro_bias[:, 0], model.gyro_bias)
         add_value(normal, 0, ACCEL_BIAS, state.accel_bias[:, 0], model.accel_bias)
-        self._add_priors(state)
+        add_priors(normal, state, model, self.datum, self.moved_lag - self.first_lag)
 
     def parts(self, solved: Solved) -> Parts:
         """The sums of factors at a solution, apart by whose noise they have."""
@@ -377,35 +361,6 @@ class Smoother:
                 add_measured(part, inside, self.epochs.slots, placed, moved, None, lag)
                 fixes.append(part)
         return Parts(self.normal, (fixes[0], fixes[1], fixes[2], fixes[3]), tall)
-
-    def _add_priors(self, state: State) -> None:
-        model, common = self.model, state.common
-        errors = common.copy()
-        errors[MOUNT] = rotation_log((state.rot_vs @ self.mounting.T)[..., None])[:, 0]
-        errors[LAG] += self.moved_lag - self.first_lag
-        sigma = np.ones(COMMON_SIZE)
-        sigma[MOUNT] = model.mounting_sigma
-        sigma[LAG], sigma[VELOCITY_LAG], sigma[WHEEL] = model.lag, model.velocity_lag, model.wheel
-        sigma[SLIP], sigma[PITCH], sigma[ROLL] = model.slip, model.pitch, model.roll
-        sigma[GYRO_SCALE], sigma[ACCEL_SCALE] = model.gyro_scale, model.accel_scale
-        self.free = sigma > 0.0
-        weight = np.diag(1.0 / np.where(self.free, sigma, 1.0) ** 2)
-        for where, mean, sizes in ((LEVER, model.lever, model.lever_sigma), (REAR, model.rear, model.rear_sigma)):
-            errors[where] -= state.rot_vs.T @ np.asarray(mean)
-            weight[where, where] = state.rot_vs.T @ np.diag(1.0 / np.asarray(sizes) ** 2) @ state.rot_vs
-        self.normal.add_common(slice(0, COMMON_SIZE), errors, weight)
-        if model.first_attitude is not None:
-            turn = rotation_log(mmt(state.rot_ns[..., :1], model.first_attitude[..., None]))[:, 0]
-            add_value(self.normal, 0, ROTATION, turn, np.asarray(model.first_attitude_sigma))
-        for where, value, origin, sigma in (
-            (POSITION, state.pos_n[:, 0], self.origin_n, self.origin_sigma),
-            (ROTATION, self._turned(state), np.zeros(3), self.heading_sigma),
-        ):
-            add_value(self.normal, 0, where, value - origin, sigma)
-
-    def _turned(self, state: State) -> Floats:
-        """Rotation of the first knot since the start: (3,) rad, axes n."""
-        return np.asarray(rotation_log(mmt(state.rot_ns[..., :1], self.first_rot_ns))[:, 0])
 
     def _step(self, damping: float) -> tuple[Factor, Solution]:
         """Solve for what is free; fixed unknowns do not move."""

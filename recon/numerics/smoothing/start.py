@@ -71,7 +71,7 @@ def start_state(smoother: Smoother) -> State:
             raise ValueError("speed and course do not change by more than the noise of GNSS")
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
-    smoother.mounting, smoother.first_rot_ns, smoother.origin_n = rot_vs, rot_ns[..., :1], pos_n[:, 0]
+    smoother.datum = smoother.datum.moved(rot_vs, rot_ns[..., :1], pos_n[:, 0])
     return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
 
 
