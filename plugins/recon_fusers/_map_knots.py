@@ -52,7 +52,7 @@ def _covariances(found: Estimate, t_ns: np.ndarray, rot_ln: Array, rot_lv: Array
     chained = turn[:-1] @ inverse.gains @ turn[1:].swapaxes(1, 2) @ root[1:]
     shared = turn[:, :SIZE] @ inverse.sensitivity
     shared[:, ATTITUDE] += rot_lv @ np.eye(unknowns.COMMON_SIZE)[unknowns.MOUNT, smoother.free]
-    gyro, accel = (np.append(values, values[-1]) for values in smoother.densities(found.solved.noise))
+    gyro, accel = (np.append(values, values[-1]) for values in smoother.disturbed.densities(found.solved.noise))
     return Knots(
         t_ns,
         root[:, :SIZE, :SIZE],

@@ -103,7 +103,7 @@ class Likelihood:
     def __call__(self, logs: Floats) -> tuple[float, Floats]:
         """-2 log L (up to a constant) and its gradient for logarithms (9,) of factors on the noise so far."""
         noise = scaled_noise(self.noise, logs)
-        white = whitening(self.solved.increments, *self.smoother.densities(noise))
+        white = whitening(self.solved.increments, *self.smoother.disturbed.densities(noise))
         total, weights = self.total, np.exp(-2.0 * logs[3:7])
         total.clear()
         total.add(1.0, self.parts.fixed)

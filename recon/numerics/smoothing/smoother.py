@@ -21,6 +21,7 @@ import numpy as np
 from recon.numerics.smoothing.arrival import Arrival
 from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks
+from recon.numerics.smoothing.disturbances import Disturbances
 from recon.numerics.smoothing.earth import GravityField, earth_rate_n
 from recon.numerics.smoothing.epochs import Epochs, Inside, Misclosure, locate, misclosure, place_epochs
 from recon.numerics.smoothing.inertial import add_inertial, inertial_jacobian, whitening
@@ -35,7 +36,7 @@ from recon.numerics.smoothing.measurements import (
     position_rows,
     velocity_rows,
 )
-from recon.numerics.smoothing.model import Drive, Impact, Model, Noise
+from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
 from recon.numerics.smoothing.priors import Datum, add_priors, free_of
@@ -71,18 +72,8 @@ _STALE_LAG: Final = 0.02
 """s; a lag beyond this moves the stamps, for velocity times lag is only its first order."""
 _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
-_FROZEN: Final = 1e-4
-"""Of the time of an impact in which biases walk; not nought, lest they have no relation."""
-_NEAR_S: Final = 0.1
-"""s; knots are the samples nearest to the ends of an impact."""
 _STANDING_WHEELS: Final = 0.1
 """m/s; while GNSS says that it moves, such wheels only say that something carries the vehicle."""
-_GAP_RATE: Final = 0.3
-_GAP_FORCE: Final = 2.0
-_GAP_FAR_S: Final = 2.0
-"""rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends
-tell.
-"""
 
 
 class Smoother:
@@ -104,10 +95,7 @@ class Smoother:
         self.still_knots = still_spans(self.blocks, self.still, knots - 0.1, knots + 0.1)
         self.still_intervals = still_spans(self.blocks, self.still, knots[:-1], knots[1:])
         self.length = np.diff(knots)
-        gap_s = (np.diff(samples.t_s) * samples.filled).reshape(samples.intervals, -1).sum(axis=1)
-        self.gap_s = gap_s
-        self.impact, self.pushed = _impacts(knots, drive.impacts)
-        self.gap = (gap_s * np.minimum(gap_s / _GAP_FAR_S, 1.0)) ** 2 / self.length
+        self.disturbed = Disturbances.of(samples, drive.impacts)
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
         self.normal = Normal(samples.intervals + 1)
@@ -267,7 +255,7 @@ class Smoother:
     def _integrated(self, state: State, noise: Noise) -> Integrated:
         increments = self.increments(state)
         inside = locate(self.epochs, self.drive.samples, increments)
-        return Integrated(increments, inside, whitening(increments, *self.densities(noise)))
+        return Integrated(increments, inside, whitening(increments, *self.disturbed.densities(noise)))
 
     def _slipping(self, t_s: Floats) -> Mask:
         """Times at which wheels may slip: from an impact until the vehicle stands, or for as long as that may take."""
@@ -277,11 +265,6 @@ class Smoother:
             until = min([impact.end_s + impact.slip_s, *stands[:1].tolist()])
             slipping |= (t_s >= impact.start_s) & (t_s <= until)
         return slipping
-
-    def densities(self, noise: Noise) -> tuple[Floats, Floats]:
-        """Noise of gyro and accelerometer in each interval, more in silence of the IMU and in impacts: (K,), (K,)."""
-        gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap)
-        return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap + self.pushed)
 
     def _rows(
         self, state: State, ends: Misclosure, inside: Inside, noise: Noise, robust: bool
@@ -304,9 +287,7 @@ class Smoother:
         """The factors whose noise is given: walks of the biases, stops, roads, priors."""
         normal, model = self.normal, self.model
         normal.clear()
-        add_walks(
-            normal, state, np.where(self.impact, _FROZEN * self.length, self.length), noise.gyro_walk, noise.accel_walk
-        )
+        add_walks(normal, state, self.disturbed.walk_s, noise.gyro_walk, noise.accel_walk)
         add_standing(
             normal,
             state,
@@ -375,18 +356,6 @@ class Smoother:
         whole = np.zeros(COMMON_SIZE)
         whole[self.free] = found.step_global
         return system, replace(found, step_global=whole)
-
-
-def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats]:
-    """Which intervals lie in impacts, and what is added to the accelerometer's squared noise density there: (K,)."""
-    middle = 0.5 * (knots[1:] + knots[:-1])
-    inside, added = np.zeros(len(middle), dtype=bool), np.zeros(len(middle))
-    for impact in impacts:
-        here = (middle > impact.start_s) & (middle < impact.end_s)
-        here &= np.diff(knots) <= impact.end_s - impact.start_s + _NEAR_S
-        inside |= here
-        added[here] += impact.velocity**2 / max(float(np.diff(knots)[here].sum()), _NEAR_S)
-    return inside, added
 
 
 def _typical(samples: Samples) -> float:

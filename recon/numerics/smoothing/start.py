@@ -58,7 +58,7 @@ def start_state(smoother: Smoother) -> State:
     bias = np.median(smoother.blocks.gyro[:, smoother.still], axis=1) if stands else np.zeros(3)
     state = _resting(len(knots), bias)
     increments = smoother.increments(state)
-    segments = segments_of(smoother.gap_s)
+    segments = segments_of(smoother.disturbed.gap_s)
     vel_n, known = knot_velocities(drive, knots, increments, segments)
     pull_n = gravity_n(np.zeros((3, 1)), drive.anchor)[:, 0]
     if not stands:

@@ -125,7 +125,7 @@ def test_the_normal_equations_are_those_of_the_whole_weighted_jacobian():
     drive = linearised(LIVELY, 1.0)
     knots = drive.state.knots
     tall = tall_at(drive, drive.state)
-    white = whitening(drive.increments, *drive.smoother.densities(drive.sim.log.noise))
+    white = whitening(drive.increments, *drive.smoother.disturbed.densities(drive.sim.log.noise))
     normal = Normal(knots)
     add_inertial(normal, tall, white)
     matrix, right = dense(normal)
@@ -141,9 +141,12 @@ def test_the_normal_equations_are_those_of_the_whole_weighted_jacobian():
 def test_a_silent_imu_says_less_the_longer_it_is_silent():
     short, long = (linearised(Log(seconds=40.0, kind="nonstop", silent=((20.0, 20.0 + s),))) for s in (1.0, 5.0))
     for drive in (short, long):
-        gyro, accel = drive.smoother.densities(drive.sim.log.noise)
-        bridged = drive.smoother.gap_s > 0.0
+        gyro, accel = drive.smoother.disturbed.densities(drive.sim.log.noise)
+        bridged = drive.smoother.disturbed.gap_s > 0.0
         assert_allclose(gyro[~bridged], drive.sim.log.gyro, rtol=1e-12)
         assert (gyro[bridged] > 10.0 * drive.sim.log.gyro).all()
         assert (accel[bridged] > 10.0 * drive.sim.log.accel).all()
-    assert long.smoother.densities(long.sim.log.noise)[0].max() > short.smoother.densities(short.sim.log.noise)[0].max()
+    assert (
+        long.smoother.disturbed.densities(long.sim.log.noise)[0].max()
+        > short.smoother.disturbed.densities(short.sim.log.noise)[0].max()
+    )

@@ -1,0 +1,69 @@
+"""Where the IMU is believed less than usual: while it is silent, and while something pushes the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from recon.numerics.smoothing.model import Impact, Noise
+from recon.numerics.smoothing.samples import Samples
+from recon.numerics.smoothing.soa import Floats
+from recon.numerics.smoothing.stops import Mask
+
+_GAP_RATE: Final = 0.3
+_GAP_FORCE: Final = 2.0
+_GAP_FAR_S: Final = 2.0
+"""rad/s and m/s^2, what may have happened where the IMU is silent for so long, s; less in a shorter gap, whose ends
+tell.
+"""
+_FROZEN: Final = 1e-4
+"""Of the time of an impact in which biases walk; not nought, lest they have no relation."""
+_NEAR_S: Final = 0.1
+"""s; knots are the samples nearest to the ends of an impact."""
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """Of the K intervals between knots.
+
+    gap_s : (K,) s of silence; walk_s : (K,) s in which biases walk
+    gap, pushed : (K,) s and m^2/s^3, what gaps, per squared rate or force, and impacts add to squared densities
+    """
+
+    gap_s: Floats
+    walk_s: Floats
+    gap: Floats
+    pushed: Floats
+
+    @classmethod
+    def of(cls, samples: Samples, impacts: tuple[Impact, ...]) -> Disturbances:
+        """Those of a log and of the impacts found in it."""
+        knots = samples.knot_times
+        length = np.diff(knots)
+        gap_s = (np.diff(samples.t_s) * samples.filled).reshape(samples.intervals, -1).sum(axis=1)
+        inside, pushed = _impacts(knots, impacts)
+        return cls(
+            gap_s=gap_s,
+            walk_s=np.where(inside, _FROZEN * length, length),
+            gap=(gap_s * np.minimum(gap_s / _GAP_FAR_S, 1.0)) ** 2 / length,
+            pushed=pushed,
+        )
+
+    def densities(self, noise: Noise) -> tuple[Floats, Floats]:
+        """Noise of gyro and accelerometer in each interval: (K,) rad/s/sqrt(Hz), (K,) m/s^2/sqrt(Hz)."""
+        gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap)
+        return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap + self.pushed)
+
+
+def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats]:
+    """Which intervals lie in impacts, and what is added to the accelerometer's squared noise density there: (K,)."""
+    middle = 0.5 * (knots[1:] + knots[:-1])
+    inside, added = np.zeros(len(middle), dtype=bool), np.zeros(len(middle))
+    for impact in impacts:
+        here = (middle > impact.start_s) & (middle < impact.end_s)
+        here &= np.diff(knots) <= impact.end_s - impact.start_s + _NEAR_S
+        inside |= here
+        added[here] += impact.velocity**2 / max(float(np.diff(knots)[here].sum()), _NEAR_S)
+    return inside, added
