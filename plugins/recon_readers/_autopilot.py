@@ -14,7 +14,7 @@ from recon.errors import NothingUsable
 from recon.numerics.geodesy import Anchor, enu_to_geodetic
 from recon.numerics.rotation import multiply
 from recon.rows import Metric, metrics, warning
-from recon.schema import STREAMS
+from recon.schema import BARO, GNSS, IMU, MAG, REFERENCE, STREAMS
 from recon.stages import Wanted
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave, unit_quaternions
@@ -29,6 +29,17 @@ _ENU_NED: Final = np.array((0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0))
 """Quaternion from north, east, down to east, north, up."""
 _FRD_FLU: Final = np.array((0.0, 1.0, 0.0, 0.0))
 """Quaternion from forward, left, up to forward, right, down."""
+
+WRITES: Final = {
+    "imu": IMU.only("accel", "gyro").possible(),
+    "gnss": GNSS.only(
+        "lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites"
+    ).possible(),
+    "mag": MAG.possible(),
+    "baro": BARO.possible(),
+    "reference": REFERENCE.only("pos", "vel", "q", "lat", "lon", "height").possible(),
+}
+"""What the logs of autopilots become."""
 
 
 @dataclass

@@ -17,7 +17,7 @@ A column is named by its word in the header, or by its number, which counts from
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
@@ -33,7 +33,8 @@ from pydantic import (
 from recon.numerics.axes import is_earth, turn
 from recon.parameters import Params, setting
 from recon.problems import did_you_mean
-from recon.schema import STREAMS
+from recon.schema import STREAMS, Change
+from recon.stages import Schemas
 from recon.units import convert
 
 _TEXTS: Final = ("iso", "day_first", "month_first")
@@ -326,3 +327,26 @@ class Columns(Part):
             found = getattr(self, name)
             if found is not None:
                 yield found
+
+
+def schemas(mappings: Iterable[Stream]) -> Schemas:
+    """The streams and columns of mappings, as a reader plans them."""
+    found = {}
+    for mapping in mappings:
+        schema = STREAMS[mapping.stream].only(*mapping.sources).possible()
+        accel = mapping.sources.get("accel")
+        if isinstance(accel, Accel) and accel.at_rest == "zero":
+            schema = Change(quantities={"accel": "acceleration"}).apply(schema)
+        found[mapping.stream] = schema
+    return found
+
+
+def gnss_facts(mapping: Stream, groups: Collection[str]) -> dict[str, str]:
+    """What a mapping says of these columns of a GNSS receiver; nothing of other sensors."""
+    facts: dict[str, str] = {}
+    if isinstance(mapping, Gnss):
+        if "height" in groups and mapping.height_datum:
+            facts["height_datum"] = mapping.height_datum
+        if "course" in groups:
+            facts["heading_kind"] = "course_true" if mapping.north == "true" else "magnetic"
+    return facts

@@ -18,7 +18,7 @@ from recon.schema import STREAMS, Column, spread
 from recon.tables import Array, build, with_meta
 from recon.units import convert
 from recon_readers._columns import at_rows, kept
-from recon_readers._csv_mapping import Accel, Gnss, Source, Stream, Valid, Vector
+from recon_readers._csv_mapping import Accel, Source, Stream, Valid, Vector, gnss_facts
 from recon_readers._csv_sheet import Cells, Sheet
 from recon_readers._csv_time import Clock
 from recon_readers._fresh_rows import Seen, gnss_rows, imu_rows, see
@@ -311,13 +311,7 @@ def _axes(mapping: Stream, group: str, width: int) -> tuple[Sequence[int], Seque
 
 
 def _facts(part: Part) -> dict[str, str]:
-    facts = {"time_scale": "UTC", "format": "csv"}
-    if isinstance(part.mapping, Gnss):
-        if "height" in part.columns and part.mapping.height_datum:
-            facts["height_datum"] = part.mapping.height_datum
-        if "course" in part.columns:
-            facts["heading_kind"] = "course_true" if part.mapping.north == "true" else "magnetic"
-    return facts
+    return {"time_scale": "UTC", "format": "csv", **gnss_facts(part.mapping, part.columns)}
 
 
 def assumptions(sheet: Sheet, part: Part, values: Mapping[str, Array]) -> list[Metric]:

@@ -31,11 +31,10 @@ from recon.numerics.gnss_time import GPS_EPOCH_NS, WEEK_NS, gps_to_utc
 from recon.numerics.rotation import from_euler, yaw_from_heading
 from recon.parameters import NoParams
 from recon.rows import Metric, warning
-from recon.schema import BARO, GNSS, IMU, MAG, REFERENCE
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams
 from recon_readers import _dataflash, _mavlink
-from recon_readers._autopilot import GAUSS, LONGEST_NS, Log, pose
+from recon_readers._autopilot import GAUSS, LONGEST_NS, WRITES, Log, pose
 from recon_readers._time_order import Mask, Times
 
 _KINDS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -373,19 +372,12 @@ def sniff(path: Path, head: bytes) -> Sniff:
 @hookimpl
 def declare_readers() -> Iterable[Reader]:
     """The reader of logs of ArduPilot."""
-    place = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites")
     yield Reader(
         name="ardupilot",
         summary="Logs of ArduPilot, DataFlash and telemetry: IMU, GNSS, magnetometer, barometer, on-board estimate.",
         run=read,
         sniff=sniff,
         selective=True,
-        writes={
-            "imu": IMU.only("accel", "gyro").possible(),
-            "gnss": GNSS.only(*place).possible(),
-            "mag": MAG.possible(),
-            "baro": BARO.possible(),
-            "reference": REFERENCE.only("pos", "vel", "q", "lat", "lon", "height").possible(),
-        },
+        writes=WRITES,
         references=("ArduPilot, AP_Logger/LogStructure.h", "mavlink.io, common.xml", "IS-GPS-200, 20.3.3.5.2.4"),
     )

@@ -38,6 +38,7 @@ HEAD_BYTES: Final = 65536
 SURE: Final = 0.5
 _CHECK: Final = "check that it is the right file; 'recon plugins' lists the readers that are installed"
 _PACKED: Final = "unpack it, and name the log in it"
+_PICKLE: Final = "recon never unpickles, for a pickle may run anything: save its arrays as CSV or Parquet"
 _IMAGE: Final = "name the log; a folder of images may stand behind it: recon run PIPELINE LOG IMAGES"
 _NO_LOGS: Final = {
     b"PK\x03\x04": ("a zip archive", _PACKED),
@@ -49,6 +50,9 @@ _NO_LOGS: Final = {
     b"Rar!": ("a RAR archive", _PACKED),
     b"\x89PNG": ("a PNG image", _IMAGE),
     b"\xff\xd8\xff": ("a JPEG image", _IMAGE),
+    b"\x93NUMPY": ("an array of NumPy", "name the folder of the data set that it is of"),
+    b"\x80\x03": ("a pickle of Python", _PICKLE),
+    b"\x80\x04": ("a pickle of Python", _PICKLE),
     b"%PDF": ("a PDF document", "name the log itself"),
     b"\xd0\xcf\x11\xe0": ("a document of Excel or Word", "save its table as CSV"),
 }

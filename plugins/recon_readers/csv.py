@@ -31,12 +31,12 @@ from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
-from recon.schema import STREAMS, Change, Schema
+from recon.schema import STREAMS, Schema
 from recon.stages import Reader, Schemas, Sniff
 from recon.tables import Array, Streams
 from recon_readers._columns import Columns
-from recon_readers._csv_mapping import Accel, Time
 from recon_readers._csv_mapping import Columns as Mapped
+from recon_readers._csv_mapping import Time, schemas
 from recon_readers._csv_propose import in_shell, propose
 from recon_readers._csv_sheet import Sheet
 from recon_readers._csv_streams import (
@@ -195,14 +195,7 @@ def lines(path: Path, params: CsvParams, stream: str, t_ns: Times) -> Times:
 
 def plan(inputs: Mapping[str, Schema], params: CsvParams) -> Schemas:
     """The streams and columns of the mapping; which of them a file holds, only the file tells."""
-    found = {}
-    for mapping in params.columns.streams():
-        schema = STREAMS[mapping.stream].only(*mapping.sources).possible()
-        accel = mapping.sources.get("accel")
-        if isinstance(accel, Accel) and accel.at_rest == "zero":
-            schema = Change(quantities={"accel": "acceleration"}).apply(schema)
-        found[mapping.stream] = schema
-    return found
+    return schemas(params.columns.streams())
 
 
 def sniff(path: Path, head: bytes) -> Sniff:

@@ -36,12 +36,12 @@ from recon.hookspecs import hookimpl
 from recon.numerics.axes import turn
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
-from recon.schema import STREAMS, Change, Schema, spread
+from recon.schema import STREAMS, Schema, spread
 from recon.stages import EVERYTHING, Reader, Schemas, Sniff, Wanted
 from recon.tables import Array, Streams, with_meta
 from recon.units import convert
 from recon_readers._arrays import NS, interleave
-from recon_readers._csv_mapping import Accel, Gnss, Vector
+from recon_readers._csv_mapping import Accel, Vector, gnss_facts, schemas
 from recon_readers._mf4_channels import Channels, Stream
 from recon_readers._mf4_file import Measurement, read_channels
 from recon_readers._sensing import described, doubts, plausible, rising
@@ -159,27 +159,15 @@ def _once(t_ns: Times, values: Array, name: str, learnt: list[Metric]) -> tuple[
 
 
 def _facts(mapping: Stream) -> dict[str, str]:
-    facts = {"axes": mapping.axes_of("accel")} if "accel" in mapping.sources and mapping.axes_of("accel") else {}
-    if isinstance(mapping, Gnss):
-        if "height" in mapping.sources and mapping.height_datum:
-            facts["height_datum"] = mapping.height_datum
-        if "course" in mapping.sources:
-            facts["heading_kind"] = "course_true" if mapping.north == "true" else "magnetic"
-    return facts
+    axes = mapping.axes_of("accel") if "accel" in mapping.sources else ""
+    return {**({"axes": axes} if axes else {}), **gnss_facts(mapping, mapping.sources)}
 
 
 def plan(inputs: Mapping[str, Schema], params: Mf4Params) -> Schemas:
     """The streams and columns of the mapping; all that there may be without one."""
     if params.channels is None:
         return {name: STREAMS[name].possible() for name in Channels.kinds}
-    found = {}
-    for mapping in params.channels.streams():
-        schema = STREAMS[mapping.stream].only(*mapping.sources).possible()
-        accel = mapping.sources.get("accel")
-        if isinstance(accel, Accel) and accel.at_rest == "zero":
-            schema = Change(quantities={"accel": "acceleration"}).apply(schema)
-        found[mapping.stream] = schema
-    return found
+    return schemas(params.channels.streams())
 
 
 def sniff(path: Path, head: bytes) -> Sniff:

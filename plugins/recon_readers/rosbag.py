@@ -49,6 +49,8 @@ def read(path: Path, params: TopicParams, wanted: Wanted = EVERYTHING) -> Stream
 
 def _files(path: Path) -> list[Path]:
     """The files of a bag in their order: x_2 before x_10. Raises ReadFailed where a folder has none."""
+    if path.name == METADATA:
+        path = path.parent
     if path.is_file():
         return [path]
     found = [file for ending in ("db3", "mcap", "bag") for file in path.glob(f"*.{ending}")]
@@ -71,6 +73,8 @@ def sniff(path: Path, head: bytes) -> Sniff:
             return Sniff(0.95, "folder of a ROS 2 bag")
         bags = any(path.glob("*.db3")) or (any(path.glob("*.mcap")) and not store_of(path))
         return Sniff(0.6, "folder with .db3 or .mcap files") if bags else Sniff(0.0, "a folder without bags")
+    if path.name == METADATA and _BAG2 in head[:4096]:
+        return Sniff(0.95, "metadata of a ROS 2 bag: its folder is read")
     if head.startswith(_rosbag1.MAGIC):
         return Sniff(0.95, "ROS 1 bag")
     if not head.startswith(_rosbag2.MAGIC):

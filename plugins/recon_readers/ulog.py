@@ -30,11 +30,10 @@ from recon.hookspecs import hookimpl
 from recon.numerics.geodesy import Anchor
 from recon.parameters import NoParams
 from recon.rows import Metric, warning
-from recon.schema import BARO, GNSS, IMU, MAG, REFERENCE
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams
 from recon_readers._arrays import interleave
-from recon_readers._autopilot import GAUSS, LONGEST_NS, Log, attitude, pose
+from recon_readers._autopilot import GAUSS, LONGEST_NS, WRITES, Log, attitude, pose
 from recon_readers._time_order import Times
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -276,19 +275,12 @@ def sniff(path: Path, head: bytes) -> Sniff:
 @hookimpl
 def declare_readers() -> Iterable[Reader]:
     """The reader of logs of PX4."""
-    place = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites")
     yield Reader(
         name="ulog",
         summary="Logs of PX4: IMU, GNSS, magnetometer, barometer, on-board estimate.",
         run=read,
         sniff=sniff,
         selective=True,
-        writes={
-            "imu": IMU.only("accel", "gyro").possible(),
-            "gnss": GNSS.only(*place).possible(),
-            "mag": MAG.possible(),
-            "baro": BARO.possible(),
-            "reference": REFERENCE.only("pos", "vel", "q", "lat", "lon", "height").possible(),
-        },
+        writes=WRITES,
         references=("PX4 user guide, ULog file format; PX4-Autopilot, msg",),
     )

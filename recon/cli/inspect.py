@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from recon.api import Run
     from recon.registry import Registry
 
+_NO_MAPPING: Final = ", but nothing in it looks like columns of times and measurements"
 GAP: Final = 3.0
 """A step in time above this many times the median one is a gap."""
 
@@ -45,10 +46,10 @@ def inspect(
         reading = Pipeline.of("inspect", "reader.auto")
         try:
             found = api.execute(reading, paths, None, overrides_of(settings), registry=registry)
-        except UnknownFormat:
+        except UnknownFormat as error:
             proposed = _proposed(paths, registry)
             if not proposed:
-                raise
+                raise UnknownFormat(error.path, error.what, hint=_without_proposal(error.hint)) from error
             if as_json:
                 console.write_json({"paths": [str(path) for path in paths], "proposed": proposed})
             else:
@@ -72,6 +73,12 @@ def _proposed(paths: list[Path], registry: Registry) -> dict[str, str]:
         if proposal:
             found[key] = proposal
     return found
+
+
+def _without_proposal(hint: str) -> str:
+    """What readers say of a file, without that of a mapping that this command proposes: it was tried."""
+    lines = [line.partition(": 'recon inspect ") for line in hint.split("\n")]
+    return "\n".join(before + (_NO_MAPPING if promise else "") for before, promise, _ in lines)
 
 
 def _described(found: Run, paths: list[str]) -> dict[str, Any]:

@@ -272,3 +272,8 @@ def test_compressed_chunks_hold_the_same_messages(logs: Path) -> None:
         counts.append((bag.taken, bag.damaged, {topic: found.count for topic, found in intake.topics.items()}))
     assert counts[0][:2] == (8_647, 0)
     assert counts[0] == counts[1] == counts[2]
+
+
+def test_the_metadata_of_a_bag_names_its_folder(logs: Path) -> None:
+    folder = logs / "formats/converted_here/husky_90s_db3"
+    assert recon.read(folder / "metadata.yaml")["imu"] == recon.read(folder)["imu"]
