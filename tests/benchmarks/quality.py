@@ -288,9 +288,14 @@ def draw(path: Path, found: Mapping[str, Mapping[str, Sequence[Result]]]) -> Non
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    shown = {"worst": "worst position in outages [m]", "heading": "heading, rms [deg]", "wall_s": "time [s]"}
+    shown = {
+        "worst": "worst position in outages [m]",
+        "heading": "heading, rms [deg]",
+        "nees": "NEES, 1 is honest",
+        "wall_s": "time [s]",
+    }
     names = list(next(iter(found.values())))
-    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
+    figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     for axes, (key, title) in zip(figure.subplots(1, len(shown)), shown.items(), strict=True):
         for k, name in enumerate(names):
             for row, by_program in enumerate(found.values()):
@@ -311,6 +316,8 @@ def draw(path: Path, found: Mapping[str, Mapping[str, Sequence[Result]]]) -> Non
                     label=label,
                 )
         axes.set_xscale("log")
+        if key == "nees":
+            axes.axvline(1.0, color="#5f6368", linewidth=1.0, zorder=0)
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(title)

@@ -99,9 +99,15 @@ def _optimised(drive: Drive, knots: _Knots, steps: Steps, growth: float) -> tupl
     return solved, graph
 
 
-def _sigmas(graph: Any, knots: _Knots) -> Floats:
-    """Of the positions, (k, 3) m: marginals of the graph. A pose's covariance is told in its own axes."""
-    marginals = gtsam.Marginals(graph, _values(knots))
+def _sigmas(graph: Any, knots: _Knots) -> Floats | None:
+    """Of the positions, (k, 3) m: marginals of the graph. A pose's covariance is told in its own axes.
+
+    None where it says that its equations are too poorly conditioned, though its optimizer has solved them.
+    """
+    try:
+        marginals = gtsam.Marginals(graph, _values(knots))
+    except RuntimeError:
+        return None
     body = np.array([marginals.marginalCovariance(X(i))[3:, 3:] for i in range(len(knots.t_s))])
     turn = to_matrix(knots.q_ns)
     return np.sqrt(np.diagonal(turn @ body @ turn.transpose(0, 2, 1), axis1=1, axis2=2))
