@@ -42,8 +42,8 @@ from recon.tables import vector
 
 _HEAD: Final = 200
 """Bytes of a manifest in which `made_of` stands."""
+_ENVIRONMENT: Final = b'\n "environment": {'
 _STARTED: Final = re.compile(rb'\n  "started": "([0-9T:.+-]+)"')
-"""In the block `environment`."""
 
 
 class InputChanged(DataError):
@@ -125,7 +125,8 @@ class DriveJob:
             "summary": {**finished.summary(), **_quality(finished)},
         }
         manifest = finished.manifest
-        mark = made_of(str(self.source), stamped, manifest["plan"], manifest["recon"], manifest["store"])
+        how = made_how(manifest["plan"], manifest["recon"], manifest["store"])
+        mark = made_of(str(self.source), stamped, how)
         environment = {**manifest["environment"], "job": about}
         return {"made_of": mark, **manifest, "environment": environment}
 
@@ -135,10 +136,18 @@ class DriveJob:
         return Outcome(self.key, code, error.message, error.hint, seconds)
 
 
-def made_of(source: str, stamped: Stamp, plan: object, version: str, store: str) -> str:
-    """Hash of all that a result depends on: the input's place, size and time, the resolved plan, recon, the store."""
-    told = to_json([source, *stamped, plan, version, store], sort_keys=True)
-    return hashlib.sha256(told.encode("utf-8")).hexdigest()
+def made_how(plan: object, version: str, store: str) -> str:
+    """Hash of what results of one vehicle have in common: the resolved plan, recon, the store."""
+    return _hash(to_json([plan, version, store], sort_keys=True))
+
+
+def made_of(source: str, stamped: Stamp, how: str) -> str:
+    """Hash of all that a result depends on: the input's place, size and time, and `made_how`."""
+    return _hash(to_json([source, *stamped, how]))
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def made_when(text: bytes, mark: str) -> str | None:
@@ -146,9 +155,10 @@ def made_when(text: bytes, mark: str) -> str | None:
 
     text : manifest.json as it is kept
     """
-    head = text[:_HEAD]
-    found = _STARTED.search(text)
-    if f'"made_of": "{mark}"'.encode() not in head or found is None or not text.endswith(b"}\n"):
+    if f'"made_of": "{mark}"'.encode() not in text[:_HEAD] or not text.endswith(b"}\n"):
+        return None
+    found = _STARTED.search(text, max(text.rfind(_ENVIRONMENT), 0))
+    if found is None:
         return None
     return found[1].decode()
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,9 +20,9 @@ import recon
 from recon.batch import BatchFile, parse, plan_batch
 from recon.errors import ConfigError
 from recon.fleet.compaction import Failure, compact, failed_before, is_current
-from recon.fleet.drive_job import DriveJob, made_of, made_when
+from recon.fleet.drive_job import DriveJob, made_how, made_of, made_when
 from recon.fleet.inputs import Drive, Drives, find
-from recon.fleet.places import Place, fetch
+from recon.fleet.places import Place, Stamp, fetch
 from recon.fleet.root import Root, root_of
 from recon.jobs import DIED, FAULT, OUT_OF_MEMORY, TIMED_OUT, Outcome
 from recon.manifest import describe_input, digest
@@ -38,7 +39,7 @@ AGAIN: Final = (DIED, TIMED_OUT, OUT_OF_MEMORY, FAULT, "input_changed", "not_wri
 """Reasons that may not be there another time: `retries` is for these. A log that cannot be read stays so."""
 
 LOOKERS: Final = 16
-"""Threads that read manifests from a store, for which they mostly wait; from a disk one is as fast as many."""
+"""Threads that read manifests from a store, for which they mostly wait; from a disk this one is as fast as many."""
 AT_ONCE: Final = 1024
 """Drives whose manifests are asked for together."""
 
@@ -58,9 +59,15 @@ class Fleet:
     drives: Drives
     root: Root
 
-    def plan_of(self, vehicle: str) -> Sequence[Mapping[str, Any]]:
-        """Resolved steps for the drives of a vehicle."""
-        return self.plans.get(vehicle) or self.plans[""]
+    @cached_property
+    def made_how(self) -> Mapping[str, str]:
+        """Hash of how results are made, by vehicle as `plans`."""
+        return {vehicle: made_how(plan, recon.__version__, self.pipeline.store) for vehicle, plan in self.plans.items()}
+
+    def mark(self, drive: Drive, stamped: Stamp) -> str:
+        """The hash of all that the result of a drive depends on."""
+        how = self.made_how.get(drive.vehicle) or self.made_how[""]
+        return made_of(str(drive.place), stamped, how)
 
     def job(self, drive: Drive) -> DriveJob:
         """The work that a drive is."""
@@ -153,9 +160,10 @@ def remaining(fleet: Fleet, drives: Drives, *, verify: bool = False) -> tuple[Dr
     mask: list[bool] = []
     made: dict[str, str] = {}
     source = iter(drives)
-    with ThreadPoolExecutor(1 if fleet.root.place.is_local else LOOKERS) as pool:
+    with ThreadPoolExecutor(LOOKERS) as pool:
+        at_once = map if fleet.root.place.is_local else pool.map
         while chunk := list(islice(source, AT_ONCE)):
-            for drive, when in zip(chunk, pool.map(lambda one: _made(fleet, one, verify=verify), chunk), strict=True):
+            for drive, when in zip(chunk, at_once(lambda one: _made(fleet, one, verify=verify), chunk), strict=True):
                 mask.append(when is None)
                 if when is not None:
                     made[drive.key] = when
@@ -167,8 +175,7 @@ def _made(fleet: Fleet, drive: Drive, *, verify: bool) -> str | None:
     text = fleet.root.manifest_text(drive.key)
     if text is None or drive.stamp is None:
         return None
-    plan = fleet.plan_of(drive.vehicle)
-    when = made_when(text, made_of(str(drive.place), drive.stamp, plan, recon.__version__, fleet.pipeline.store))
+    when = made_when(text, fleet.mark(drive, drive.stamp))
     if when is None or not verify:
         return when
     found = fleet.root.manifest(drive.key)

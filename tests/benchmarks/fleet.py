@@ -166,15 +166,19 @@ def write_finished(folder: Path, fleet: driver.Fleet) -> None:
     made = recon.run("simulated_drive", out=folder / "drive", **{"simulator.drive.duration": "60 s"})
     manifest = dict(recon.run("thesis", folder / "drive", folder / "made").manifest)
     assert made.folder is not None
-    manifest["plan"] = fleet.plan_of("")
+    manifest["plan"] = fleet.plans[""]
+    manifest["steps"] = [{**step, "rows": {**step["rows"], "events": 0}} for step in manifest["steps"]]
     for drive in fleet.drives:
         bytes_, modified = drive.stamp or (0, 0)
         job = {"input": str(drive.place), "bytes": bytes_, "modified_ns": modified}
-        steps = [{**step, "rows": {**step["rows"], "events": 0}} for step in manifest["steps"]]
-        whole = {**manifest, "steps": steps, "environment": {**manifest["environment"], "job": job}}
+        whole = {
+            "made_of": fleet.mark(drive, (bytes_, modified)),
+            **manifest,
+            "environment": {**manifest["environment"], "job": job},
+        }
         target = folder / "results" / drive.key
         target.mkdir(parents=True)
-        (target / "manifest.json").write_text(json.dumps(whole, indent=1), encoding="utf-8")
+        (target / "manifest.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
 
 
 def main() -> None:
