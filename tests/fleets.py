@@ -6,9 +6,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from random import Random
+from threading import Event, Thread
 
+import psutil
 from plugin_files import install
 
 READER = '''
@@ -101,6 +106,49 @@ def finish(file: Path, *options: str) -> tuple[int, str, str]:
     with begin(file, *options) as process:
         out, err = process.communicate(timeout=300)
     return process.returncode, out, err
+
+
+def wait_for(root: Path, count: int) -> None:
+    """Until so many results are there; a minute at most."""
+    deadline = time.monotonic() + 60.0
+    while len(list(root.glob("vehicle=*/drive=*/manifest.json"))) < count:
+        assert time.monotonic() < deadline, "the batch does not get on"
+        time.sleep(0.02)
+
+
+def children(process: psutil.Process) -> list[psutil.Process]:
+    """Those that it began, and theirs."""
+    try:
+        return process.children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
+@contextmanager
+def killing_one_a_second(victims: Callable[[], list[psutil.Process]], begun: float) -> Iterator[list[int]]:
+    """Kill any of those that there are, one a second in the mean and at random; yields whom it killed.
+
+    begun : monotonic time when the batch was begun; on a machine so busy that its first result took more than two
+        seconds, a second is longer by as much: else workers would die faster than they can be started
+    """
+    rng, over, killed = Random(1), Event(), []
+    second = max(1.0, 0.5 * (time.monotonic() - begun))
+
+    def kill() -> None:
+        while not over.wait(second * rng.expovariate(1.0)):
+            if found := victims():
+                victim = rng.choice(found)
+                with suppress(psutil.NoSuchProcess):
+                    victim.kill()
+                    killed.append(victim.pid)
+
+    killer = Thread(target=kill)
+    killer.start()
+    try:
+        yield killed
+    finally:
+        over.set()
+        killer.join()
 
 
 def results(root: Path) -> dict[str, list[tuple[str, str]]]:

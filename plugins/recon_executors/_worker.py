@@ -174,6 +174,12 @@ def _held(pid: int) -> int:
     return held
 
 
+def cores() -> int:
+    """Those that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
 def end_tree(pid: int) -> None:
     """Kill a process and its children."""
     import psutil

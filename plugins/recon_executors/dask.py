@@ -1,8 +1,9 @@
 """Jobs on a Dask cluster: one that others built and keep, or one of this machine for the time of the batch.
 
 Each job runs in a process of its own beside the Dask worker, so that a job that dies, hangs or fills the memory leaves
-the worker unharmed. When a worker itself is lost, Dask gives its jobs to others; a job whose workers are lost again and
-again (`distributed.scheduler.allowed-failures`) is given up and reported.
+the worker unharmed; the worker of a cluster of this machine is therefore a part of this process. When a worker itself
+is lost, Dask gives its jobs to others; a job whose workers are lost again and again
+(`distributed.scheduler.allowed-failures`) is given up and reported.
 Machines that are not this one must reach input and output under the same paths, and have the same recon installed.
 
 References
@@ -25,7 +26,7 @@ from recon import Executor, Params, hookimpl, setting
 from recon.errors import PluginBroken
 from recon.extras import needs
 from recon.jobs import DIED, FAULT, Job, Outcome
-from recon_executors._worker import Worker
+from recon_executors._worker import Worker, cores
 
 AHEAD: Final = 2
 """Jobs on the cluster for each thread of its workers: so that none waits for the next."""
@@ -37,7 +38,7 @@ class DaskParams(Params):
     address: str = setting(
         "", doc="Of the scheduler, such as tcp://10.0.0.1:8786; empty for a cluster of this machine."
     )
-    workers: int | None = setting(None, gt=0, doc="Workers of a cluster of this machine; by default one for each core.")
+    workers: int | None = setting(None, gt=0, doc="Jobs at a time on this machine; by default one for each core.")
     threads: int = setting(1, gt=0, doc="Threads of the numeric libraries for each job.")
 
 
@@ -81,7 +82,10 @@ def _client(params: DaskParams, distributed: Any) -> Iterator[Any]:
             cluster: Any = params.address
         else:
             made = distributed.LocalCluster(
-                n_workers=params.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+                processes=False,
+                n_workers=1,
+                threads_per_worker=params.workers or cores(),
+                dashboard_address=None,
             )
             cluster = stack.enter_context(made)
         try:

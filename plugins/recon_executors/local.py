@@ -6,7 +6,6 @@ this process dies, however it dies, its workers end too.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
@@ -14,7 +13,7 @@ from typing import Final
 
 from recon import Executor, Params, hookimpl, setting
 from recon.jobs import Job, Outcome
-from recon_executors._worker import Worker
+from recon_executors._worker import Worker, cores
 
 HEED_S: Final = 0.5
 """Longest time to Ctrl-C, which Windows delivers only between two waits."""
@@ -31,7 +30,7 @@ def local(jobs: Iterable[Job], params: LocalParams) -> Iterator[Outcome]:
     """Outcomes in the order in which jobs end. A job is taken from `jobs` when a worker is free for it."""
     shared = _Shared(jobs)
     ended: SimpleQueue[Outcome | BaseException | None] = SimpleQueue()
-    workers = [Worker(params.threads) for _ in range(params.workers or _cores())]
+    workers = [Worker(params.threads) for _ in range(params.workers or cores())]
     lanes = [Thread(target=_lane, args=(worker, shared, ended), daemon=True) for worker in workers]
     for lane in lanes:
         lane.start()
@@ -84,11 +83,6 @@ def _lane(worker: Worker, jobs: _Shared, ended: SimpleQueue[Outcome | BaseExcept
         ended.put(None)
     except BaseException as error:  # it is raised where the outcomes are read
         ended.put(error)
-
-
-def _cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 @hookimpl

@@ -1,8 +1,9 @@
 """What a batch costs beyond its pipeline, and how it grows with the fleet.
 
-    python tests/benchmarks/fleet.py [scaling] [overhead] [memory] [planning] [--drives 100000] [--tiny 10000]
+    python tests/benchmarks/fleet.py [scaling] [rate] [overhead] [memory] [planning] [--drives 100000] [--tiny 10000]
 
-scaling    the same simulated drives through best_accuracy, on one worker and on as many as there are cores
+scaling    the same simulated drives of ten minutes through best_accuracy, on one worker and on one for each core
+rate       drive-hours per core-hour of best_accuracy on one worker, drives of ten minutes and of an hour
 overhead   many drives of a few rows: time per job of a batch, less that of the pipeline alone in one process
 memory     peak memory of the driver over 1 000 jobs and over --drives jobs, whose work is left away
 planning   globbing and planning of --drives files, and going on where all of them are done
@@ -43,7 +44,8 @@ output: {output}
 executor: {{use: executor.local, params: {{workers: {workers}}}}}
 """
 TINY: Final = "recon: 1\nname: tiny\nsteps:\n  - use: reader.parquet\n"
-DRIVE_S: Final = 600.0
+DIFFERENT: Final = 4
+"""Simulated drives of each length; more would take longer than what is measured."""
 VEHICLES: Final = 100
 PEAK: Final = """
 import json, sys
@@ -75,16 +77,35 @@ def timed(file: Path) -> float:
 def scaling(folder: Path) -> None:
     """Workers are begun inside the time that counts, so drives are long enough for that not to matter."""
     cores = len(psutil.Process().cpu_affinity()) if hasattr(psutil.Process, "cpu_affinity") else psutil.cpu_count()
-    count = 6 * cores
-    for number in range(count):
-        seconds = {"simulator.drive.duration": f"{DRIVE_S} s", "simulator.drive.seed": number}
-        recon.run("simulated_drive", out=folder / "logs/A" / f"d{number}", **seconds)
+    write_drives(folder, 600.0, 12 * cores)
     alone = timed(batch_file(folder, "best_accuracy", "alone"))
     spread = timed(batch_file(folder, "best_accuracy", "spread", cores))
-    hours = count * DRIVE_S / 3600.0
     print(f"one worker: {alone:.1f} s, {cores} workers: {spread:.1f} s")
     print(f"scaling: {alone / spread:.2f} of {cores} ({alone / spread / cores:.2f} W; goal 0.85 W)")
-    print(f"best_accuracy: {hours / (alone / 3600.0):.0f} drive-hours per core-hour (goal 1500)")
+
+
+def rate(folder: Path) -> None:
+    for seconds, count in ((600.0, 24), (3600.0, 8)):
+        place = folder / f"{seconds:.0f}"
+        write_drives(place, seconds, count)
+        took = timed(batch_file(place, "best_accuracy", "results"))
+        print(
+            f"best_accuracy: {count * seconds / took:.0f} drive-hours per core-hour, {count} drives of "
+            f"{seconds / 60.0:.0f} min on one worker (goal 1500)"
+        )
+
+
+def write_drives(folder: Path, seconds: float, count: int) -> None:
+    """Drives as they are logged, IMU at 100 Hz and GNSS without the truth: a few that differ, and copies of them."""
+    for number in range(count):
+        place = folder / "logs/A" / f"d{number}"
+        if number >= DIFFERENT:
+            shutil.copytree(folder / "logs/A" / f"d{number % DIFFERENT}", place)
+            continue
+        parameters = {"simulator.drive.duration": f"{seconds} s", "simulator.drive.seed": number}
+        made = recon.run("simulated_drive", **parameters).recording
+        place.mkdir(parents=True)
+        write_recording(Recording({name: made[name] for name in ("imu", "gnss")}), place)
 
 
 def write_files(folder: Path, count: int) -> None:
@@ -153,12 +174,15 @@ def planning(folder: Path, count: int) -> None:
     fleet = driver.load(file, Registry.installed())
     print(f"globbing and planning of {count} files: {time.perf_counter() - started:.1f} s (goal 20 s)")
     write_finished(folder, fleet)
-    driver.run(fleet, quiet)  # compacts once
+    started = time.perf_counter()
+    driver.run(fleet, quiet)
+    compacted = time.perf_counter() - started
     started = time.perf_counter()
     fleet = driver.load(file, Registry.installed())
     report = driver.run(fleet, quiet)
     assert report.kept == count
     print(f"resume over {count} finished jobs: {time.perf_counter() - started:.1f} s (goal 30 s)")
+    print(f"compaction of {count} results: {compacted:.1f} s")
 
 
 def write_finished(folder: Path, fleet: driver.Fleet) -> None:
@@ -183,15 +207,18 @@ def write_finished(folder: Path, fleet: driver.Fleet) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", default=["scaling", "overhead", "memory", "planning"])
+    parser.add_argument("parts", nargs="*", default=["scaling", "rate", "overhead", "memory", "planning"])
     parser.add_argument("--drives", type=int, default=100_000)
     parser.add_argument("--tiny", type=int, default=10_000)
     options = parser.parse_args()
     for part in options.parts:
+        started = time.perf_counter()
         folder = Path(tempfile.mkdtemp(prefix=f"recon-{part}-"))
         try:
             if part == "scaling":
                 scaling(folder)
+            elif part == "rate":
+                rate(folder)
             elif part == "overhead":
                 overhead(folder, options.tiny)
             elif part == "memory":
@@ -200,6 +227,7 @@ def main() -> None:
                 planning(folder, options.drives)
         finally:
             shutil.rmtree(folder)
+        print(f"({part} took {time.perf_counter() - started:.0f} s)", flush=True)
 
 
 if __name__ == "__main__":

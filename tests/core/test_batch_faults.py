@@ -9,22 +9,14 @@ import sys
 import time
 from pathlib import Path
 from random import Random
-from threading import Event, Thread
 
 import psutil
 import pyarrow.parquet as pq
 import pytest
-from fleets import begin, finish, fleet, keys, results
+from fleets import BATCH, begin, children, finish, fleet, keys, killing_one_a_second, results, wait_for
 
 SLOW = {f"{vehicle}/d{number}": f"slow {number + 1}" for vehicle in "AB" for number in range(10)}
 """Drives that take 0.2 s each, so that a batch lasts long enough to be killed in its midst."""
-
-
-def children(process: psutil.Process) -> list[psutil.Process]:
-    try:
-        return process.children(recursive=True)
-    except psutil.NoSuchProcess:
-        return []
 
 
 def alive_after(processes: list[psutil.Process], seconds: float) -> list[psutil.Process]:
@@ -41,14 +33,6 @@ def is_at_work(process: psutil.Process) -> bool:
         return process.status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return False
-
-
-def wait_for(root: Path, count: int) -> None:
-    """Until so many results are there; a minute at most."""
-    deadline = time.monotonic() + 60.0
-    while len(list(root.glob("vehicle=*/drive=*/manifest.json"))) < count:
-        assert time.monotonic() < deadline, "the batch does not get on"
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")
@@ -95,29 +79,35 @@ def test_a_driver_killed_ten_times_loses_nothing(tmp_path: Path, calm: dict) -> 
     assert not (root / ".scratch").exists()
 
 
-def test_workers_killed_at_random_cost_no_drive_its_result(tmp_path: Path) -> None:
+@pytest.mark.parametrize("executor", ["local", "dask"])
+def test_workers_killed_at_random_cost_no_drive_its_result(executor: str, tmp_path: Path) -> None:
+    """Any of them, also the last one."""
+    if executor == "dask":
+        pytest.importorskip("distributed")
     drives = {f"A/d{number}": f"slow {number + 1}" for number in range(100)}
-    file = fleet(tmp_path, drives)
-    file.write_text(file.read_text(encoding="utf-8") + "retries: 5\n", encoding="utf-8")
-    rng, over, killed = Random(1), Event(), []
-
-    def kill_one_a_second(driver: psutil.Process) -> None:
-        while not over.wait(1.0):
-            if len(workers := children(driver)) > 1:  # the last one, killed again and again, would use up all retries
-                victim = rng.choice(workers)
-                victim.kill()
-                killed.append(victim.pid)
-
-    with begin(file, "--json") as driver:
-        killer = Thread(target=kill_one_a_second, args=(psutil.Process(driver.pid),))
-        killer.start()
-        out, errors = driver.communicate(timeout=200)
-        over.set()
-        killer.join()
+    file = fleet(tmp_path, drives, BATCH + "retries: 50\n")
+    begun = time.monotonic()
+    with begin(file, "--json", "--executor", executor) as driver:
+        wait_for(file.parent / "results", 1)
+        with killing_one_a_second(lambda: children(psutil.Process(driver.pid)), begun) as killed:
+            out, errors = driver.communicate(timeout=200)
     assert killed, "nobody was killed, so nothing was tried"
     assert driver.returncode == 0, errors
     assert json.loads(out)["done"] == 100
     assert set(results(file.parent / "results")) == keys(drives)
+
+
+def test_a_batch_goes_on_when_all_its_workers_die_at_once(tmp_path: Path) -> None:
+    file = fleet(tmp_path, SLOW, BATCH + "retries: 1\n")
+    with begin(file, "--json") as driver:
+        wait_for(file.parent / "results", 1)
+        workers = children(psutil.Process(driver.pid))
+        for worker in workers:
+            worker.kill()
+        out, errors = driver.communicate(timeout=200)
+    assert len(workers) == 3
+    assert driver.returncode == 0, errors
+    assert json.loads(out)["done"] == len(SLOW)
 
 
 def test_two_batches_on_one_output_are_refused_and_a_dead_one_does_not_count(tmp_path: Path) -> None:
