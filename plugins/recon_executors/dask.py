@@ -66,7 +66,7 @@ def dask(jobs: Iterable[Job], params: DaskParams) -> Iterator[Outcome]:
                 done.update(submit(1))
         finally:
             client.cancel(list(flight))
-            client.run(_stop, batch)
+            client.run(_stop, batch, on_error="ignore")  # a worker that is lost has nothing left to stop
 
 
 def _distributed() -> Any:
