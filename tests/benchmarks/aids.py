@@ -1,15 +1,16 @@
 """What a barometer, a map of heights and the wheels add to `fuser.map`, on simulated drives whose truth is known.
 
-    python tests/benchmarks/aids.py [--drives 10] [--only wheels steering]
+    python tests/benchmarks/aids.py [--drives 10] [--only outages end]
 
     barometer   country roads, 15 minutes, GNSS tells no vertical velocity; windows and tunnels move the pressure six
                 times an hour; RMS error of the height
     map         the same, the heights of a map wrong by 1 m each (white), and by 12 m on a bridge of 20 s; the level of
                 the map is that of GNSS, or is known (map, level)
-    wheels      town and country, an outage of 60 s each five minutes; horizontal RMS error in the outages; "end": one
-                outage, the last four minutes, after which no fix comes
-    steering    the same, the speed of the wheels without and with the angle of the steering wheel; "poor gyro": its
-                bias walks by 0.01 deg/s in a second
+    outages     town and country, an outage of 60 s each five minutes: the speed of the wheels, and beside it the angle
+                of the steering wheel. Horizontal RMS error in the outages: all of it, most of which is the slow error
+                of GNSS before and after; and what the outage added to that
+    end         the same, one outage, the last four minutes, after which no fix comes; and with a gyroscope whose bias
+                walks by 0.01 deg/s in a second
 
 A row is a drive: error of GNSS itself, without the aid, with it.
 """
@@ -95,46 +96,43 @@ def map_of_heights(seed: int, level: float | None = None) -> Row:
     return (rms(height_error(drive["gnss"], reference)), *map(rms, errors))
 
 
-def silent(seed: int, spans: tuple[tuple[float, float], ...], **car: object) -> tuple[dict[str, pa.Table], np.ndarray]:
-    """A drive with the wheels' speed and the steering, and the rows of its reference in the outages."""
+WITHIN = ((240.0, 300.0), (540.0, 600.0), (840.0, 900.0))
+LAST = ((720.0, 960.0),)
+POOR = {"gyro_bias_walk": np.radians(0.01)}
+
+
+def place_errors(found: pa.Table, reference: pa.Table, spans: tuple[tuple[float, float], ...]) -> tuple[float, float]:
+    """Horizontal, RMS over the spans, m: all of it, and what came since the last fix, in a line to the next if any."""
+    place = Anchor(*(float(vector(reference, name)[0]) for name in ("lat", "lon", "height")))
+    true, here = (
+        geodetic_to_enu(*(vector(table, name) for name in ("lat", "lon", "height")), place)[:, :2]
+        for table in (reference, found)
+    )
+    apart, t_s = here - true, (time_ns(reference) - time_ns(reference)[0]) * 1e-9
+    whole, added = [], []
+    for start, stop in spans:
+        part = apart[(t_s > start) & (t_s < stop)]
+        share = np.linspace(0.0, 1.0, len(part))[:, None] if stop < t_s[-1] else 0.0
+        whole.append(part)
+        added.append(part - (1.0 - share) * part[0] - share * part[-1])
+    return rms(np.linalg.norm(np.vstack(whole), axis=1)), rms(np.linalg.norm(np.vstack(added), axis=1))
+
+
+def silent(seed: int, spans: tuple[tuple[float, float], ...], **box: object) -> np.ndarray:
+    """Errors of places in outages without wheels, with their speed, and with the steering beside it: (3, 2) m."""
     drive = simulate_drive(
         DriveParams(
             motion="mixed", duration=960.0, imu_rate=50.0, seed=seed, route=seed, outages=spans, wheel_rate=20.0,
-            steering=True, **car,
+            steering=True, **box,
         )
     )  # fmt: skip
-    seconds = (time_ns(drive["reference"]) - time_ns(drive["reference"])[0]) * 1e-9
-    return drive, np.any([(seconds > start) & (seconds < stop) for start, stop in spans], axis=0)
-
-
-def place_error(found: pa.Table, reference: pa.Table, rows: np.ndarray) -> float:
-    """Horizontal, RMS over some rows, m."""
-    place = Anchor(*(float(vector(reference, name)[0]) for name in ("lat", "lon", "height")))
-    true, here = (
-        geodetic_to_enu(*(vector(table, name) for name in ("lat", "lon", "height")), place)
-        for table in (reference, found)
-    )
-    return rms(np.linalg.norm((here - true)[rows, :2], axis=1))
-
-
-WITHIN = ((240.0, 300.0), (540.0, 600.0), (840.0, 900.0))
-LAST = ((720.0, 960.0),)
-POOR = {"gyro_bias_walk": np.radians(0.01), "accel_bias_walk": 2e-3}
-
-
-def wheels(seed: int, spans: tuple[tuple[float, float], ...] = WITHIN, **car: object) -> Row:
-    """Places in outages with the speed of the wheels."""
-    drive, rows = silent(seed, spans, **car)
     speed = drive["wheel"].select(["time", "speed"])
-    return (float("nan"), *(place_error(fused(drive, wheel=w), drive["reference"], rows) for w in (None, speed)))
+    tables = (fused(drive, wheel=wheel) for wheel in (None, speed, drive["wheel"]))
+    return np.array([place_errors(table, drive["reference"], spans) for table in tables])
 
 
-def steering(seed: int, spans: tuple[tuple[float, float], ...] = WITHIN, **car: object) -> Row:
-    """Places in outages with the angle of the steering wheel beside the speed of the wheels."""
-    drive, rows = silent(seed, spans, **car)
-    speed = drive["wheel"].select(["time", "speed"])
-    given = (speed, drive["wheel"])
-    return (float("nan"), *(place_error(fused(drive, wheel=w), drive["reference"], rows) for w in given))
+OUTAGES = {"outages": (WITHIN, {}), "end": (LAST, {}), "end, poor gyro": (LAST, POOR)}
+"""Spans, and what else the box is."""
 
 
 def main() -> None:
@@ -144,25 +142,25 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of cases")
     options = parser.parse_args()
     level = partial(map_of_heights, level=0.0)
-    cases = {
-        "barometer": barometer,
-        "map": map_of_heights,
-        "map, level": level,
-        "wheels": wheels,
-        "wheels, end": partial(wheels, spans=LAST),
-        "steering": steering,
-        "steering, end": partial(steering, spans=LAST),
-        "steering, poor gyro": partial(steering, spans=LAST, **POOR),
-    }
+    cases = {"barometer": barometer, "map": map_of_heights, "map, level": level}
+    seeds = range(1, options.drives + 1)
     for name, case in cases.items():
-        if options.only and name not in options.only:
-            continue
-        rows = np.array([case(seed) for seed in range(1, options.drives + 1)])
-        better = int((rows[:, 2] < rows[:, 1]).sum())
-        gnss, without, with_it = np.median(rows, axis=0)
-        print(
-            f"{name:20s} gnss {gnss:.2f}  without {without:.2f}  with {with_it:.2f} m  better in {better}", flush=True
-        )
+        if not options.only or name in options.only:
+            show(name, np.array([case(seed) for seed in seeds]))
+    for name, (spans, box) in OUTAGES.items():
+        if not options.only or name in options.only:
+            found = np.array([silent(seed, spans, **box) for seed in seeds])
+            for kind, errors in zip(("all", "added"), np.moveaxis(found, 2, 0), strict=True):
+                nothing = np.full(len(errors), np.nan)
+                show(f"{name}, wheels, {kind}", np.column_stack([nothing, errors[:, :2]]))
+                show(f"{name}, steering, {kind}", np.column_stack([nothing, errors[:, 1:]]))
+
+
+def show(name: str, rows: np.ndarray) -> None:
+    """A line: medians of GNSS, without and with, and how many drives are better."""
+    better = int((rows[:, 2] < rows[:, 1]).sum())
+    gnss, without, with_it = np.median(rows, axis=0)
+    print(f"{name:32s} gnss {gnss:.2f}  without {without:.2f}  with {with_it:.2f} m  better in {better}", flush=True)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ what is left of the bias in motion, rms over the three axes.
 
 With the word `map` it is fuser.map that takes the drive, with an outage of 60 s each five minutes: alone, whose bias
 walks, and behind the filter with the device's calibration, so that the bias is the model's and walks about it. The
-errors are then horizontal in the outages, m, and of the heading throughout, deg.
+errors are then what the outages add to the place, m, and that of the heading throughout, deg.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from aids import place_error
+from aids import place_errors
 
 from recon.numerics.rotation import to_euler
 from recon.numerics.signals import wrap_angle
@@ -91,14 +91,12 @@ def mapped(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
     spans = tuple((start, start + 60.0) for start in np.arange(240.0, duration_s - 60.0, 300.0).tolist())
     made, _ = warmed(seed, 2, duration_s, outages=spans)
     reference = made["reference"]
-    t_s = seconds(reference)
-    silent = np.any([(t_s > start) & (t_s < stop) for start, stop in spans], axis=0)
     with tempfile.TemporaryDirectory() as folder:
         better = gyro_temperature(imu=made["imu"], events=stops(made), params=learnt(seed, duration_s, folder))["imu"]
     errors: dict[str, float] = {}
     for name, imu in (("without", made["imu"]), ("with", better)):
         found = fuse_map(imu=imu, gnss=made["gnss"], wheel=None, attitude=None, params=MapParams())["trajectory"]
-        errors[f"{name} m"] = place_error(found, reference, silent)
+        _, errors[f"{name} m"] = place_errors(found, reference, spans)
         yaw = to_euler(matrix(found, "q"))[0] - to_euler(matrix(reference, "q"))[0]
         errors[f"{name} deg"] = float(np.degrees(np.sqrt(np.mean(wrap_angle(yaw) ** 2))))
     return errors
