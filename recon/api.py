@@ -21,7 +21,7 @@ import pyarrow as pa
 from recon import evaluation
 from recon import manifest as manifests
 from recon.check import check, with_exports
-from recon.errors import ConfigError, DataError
+from recon.errors import ConfigError, DataError, NothingToExport
 from recon.numerics.evaluation import Alignment
 from recon.overrides import Override
 from recon.pipeline import Pipeline
@@ -232,7 +232,7 @@ def export(
 def _export_all(finished: Run, steps: Iterable[PlannedStep]) -> list[Path]:
     """The files of all exporters. One that finds nothing to show, as a map without a place, does not stop the others.
 
-    Raises DataError for the first such one when all are done; its hint tells of the others.
+    Raises NothingToExport for the first such one when all are done; its hint tells of the others.
     """
     files: list[Path] = []
     empty: list[DataError] = []
@@ -242,8 +242,8 @@ def _export_all(finished: Run, steps: Iterable[PlannedStep]) -> list[Path]:
         except DataError as error:
             empty.append(error)
     if empty:
-        empty[0].hint = "\n".join(part for part in (empty[0].hint, *(error.message for error in empty[1:])) if part)
-        raise empty[0]
+        hints = (empty[0].hint, *(error.message for error in empty[1:]))
+        raise NothingToExport(empty[0].message, "\n".join(filter(None, hints))) from empty[0]
     return files
 
 

@@ -5,7 +5,7 @@
       PluginError                   3   a stage is missing, broken, claimed twice or badly declared
         PluginNotFound, PluginBroken, PluginConflict, PluginInvalid
       DataError                     4   a log cannot be read, or does not hold what a step needs
-        ReadFailed, UnknownFormat, NothingUsable, NotEnoughData
+        ReadFailed, UnknownFormat, NothingUsable, NotEnoughData, NothingToExport
       StageError                    5   anything else that came out of a stage
         ContractError                   what it returned is not what it declared
       Difference                    7   a sealed run is not as it was, or does not come out again
@@ -117,6 +117,10 @@ class NotEnoughData(DataError):
     def __init__(self, what: str, *, needed: str, found: str, hint: str = "") -> None:
         self.what, self.needed, self.found = what, needed, found
         super().__init__(f"not enough {what}: needs {needed}, found {found}", hint)
+
+
+class NothingToExport(DataError):
+    """An exporter found nothing to show, as a map without a place. The run and its other exports are complete."""
 
 
 class StageError(ReconError):

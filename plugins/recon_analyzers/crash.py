@@ -48,7 +48,7 @@ _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
     "delta_v_long_max": ("km/h", "49 CFR 563, 0 to 300 ms; forward positive"),
     "delta_v_lat_max": ("km/h", "49 CFR 563, 0 to 300 ms; left positive"),
     "delta_v_resultant_max": ("km/h", "49 CFR 563, 0 to 300 ms; horizontal"),
-    "time_of_max": ("s", "of delta_v_resultant_max, after time zero"),
+    "time_of_max": ("s", "of the largest horizontal delta-V, after time zero"),
     "accel_peak_cfc60": ("g", "SAE J211 CFC 60; longitudinal, forward positive"),
     "accel_peak_cfc60_magnitude": ("g", "SAE J211 CFC 60; of all three axes"),
     "pdof": ("deg", "direction of delta-V, clockwise from the front"),

@@ -13,17 +13,20 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from recon import manifest as manifests
 from recon.api import Run, execute
+from recon.api import open as open_run
 from recon.errors import (
     ConfigError,
     ContractError,
     DataError,
     NotEnoughData,
+    NothingToExport,
     PluginError,
     ReadFailed,
     ReconError,
@@ -89,32 +92,42 @@ class DriveJob:
         """Read, run, export, and put the result to its place."""
         started = time.perf_counter()
         try:
-            self._make()
+            left_out = self._make()
         except ReconError as error:
             return self._failed(error, time.perf_counter() - started)
         except OSError as error:
             return Outcome(self.key, "not_written", str(error), seconds=time.perf_counter() - started)
-        return Outcome(self.key, seconds=time.perf_counter() - started)
+        return Outcome(self.key, text=left_out, seconds=time.perf_counter() - started)
 
     def lost(self, code: str, text: str) -> Outcome:
         """Its outcome, told by others."""
         return Outcome(self.key, code, text)
 
-    def _make(self) -> None:
+    def _make(self) -> str:
+        """Which exports found nothing to show; "" where all are there."""
         root = root_of(self.output)
         with root.scratch() as scratch:
             before = _stamped(self.source)
             copy = fetch(self.source, scratch)
             folder = scratch / "result"
-            finished = execute(self.pipeline, copy, folder, self.overrides, registry=_registry(), exports=self.exports)
+            finished, left_out = self._reconstructed(copy, folder)
             if stamp(self.source) != before:
                 raise InputChanged(
                     f"{self.source} changed while it was read", "run the batch again when it is complete"
                 )
-            manifests.write(self._signed(finished, before), folder)
+            manifests.write(self._signed(finished, before, left_out), folder)
             root.commit(folder, self.key)
+        return left_out
 
-    def _signed(self, finished: Run, stamped: Stamp) -> dict[str, Any]:
+    def _reconstructed(self, source: Path, folder: Path) -> tuple[Run, str]:
+        """The finished run, and which exports found nothing to show in it: it counts as done without them."""
+        try:
+            made = execute(self.pipeline, source, folder, self.overrides, registry=_registry(), exports=self.exports)
+        except NothingToExport as error:
+            return open_run(folder), str(error)
+        return made, ""
+
+    def _signed(self, finished: Run, stamped: Stamp, left_out: str) -> dict[str, Any]:
         """The manifest with what the batch needs to know."""
         about = {
             "vehicle": self.vehicle,
@@ -123,6 +136,7 @@ class DriveJob:
             "bytes": stamped[0],
             "modified_ns": stamped[1],
             "summary": {**finished.summary(), **_quality(finished)},
+            **({"exports_left_out": left_out} if left_out else {}),
         }
         manifest = finished.manifest
         how = made_how(manifest["plan"], manifest["recon"], manifest["store"])

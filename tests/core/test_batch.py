@@ -147,6 +147,18 @@ def test_exports_come_with_the_result(small: Path) -> None:
     assert all((root / key / "exports/csv/export.json").is_file() for key in keys(GOOD))
 
 
+def test_a_drive_in_which_an_export_finds_nothing_to_show_is_done_without_it(small: Path) -> None:
+    """These drives have no place on the Earth: what was reconstructed is not thrown away for want of a map."""
+    with small.open("a", encoding="utf-8") as file:
+        file.write("exports: [map, csv]\n")
+    assert main(["batch", str(small)]) == 0
+    for key in keys(GOOD):
+        folder = small.parent / "results" / key
+        assert [path.name for path in (folder / "exports").iterdir()] == ["csv"]
+        told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["environment"]["job"]
+        assert "exporter.map: no row of trajectory or gnss has a latitude" in told["exports_left_out"]
+
+
 # --- failures -------------------------------------------------------------------------------------------------------
 
 
