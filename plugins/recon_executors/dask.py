@@ -85,7 +85,7 @@ def _client(params: DaskParams, distributed: Any) -> Iterator[Any]:
                 processes=False,
                 n_workers=1,
                 threads_per_worker=params.workers or cores(),
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
             )
             cluster = stack.enter_context(made)
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -20,12 +21,15 @@ FLEET = ROOT / "pipelines" / "fleet.yaml"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fleet of simulated vehicles and a file that is no drive, run as the README says."""
+    """A fleet of simulated vehicles, a drive cut short, an empty file and one that is no drive, as the README says."""
     folder = tmp_path_factory.mktemp("fleet")
     for seed, name in enumerate(("A12/d1", "A12/d2", "B7/d1")):
         parameters = {"simulator.drive.duration": "120 s", "simulator.drive.seed": seed}
         recon.run("simulated_drive", out=folder / "drives" / name, **parameters)
     (folder / "drives/B7/notes.txt").write_text("tyres changed", encoding="utf-8")
+    (folder / "drives/B7/empty.txt").touch()
+    torn = shutil.copytree(folder / "drives/A12/d1", folder / "drives/B7/torn") / "streams/imu.parquet"
+    torn.write_bytes(torn.read_bytes()[:20_000])
     (folder / "fleet.yaml").write_bytes(FLEET.read_bytes())
     assert main(["batch", str(folder / "fleet.yaml")]) == 6
     return folder
@@ -48,10 +52,10 @@ def test_the_readme_shows_the_file_that_is_shipped() -> None:
 
 
 def test_the_first_query_tells_outcomes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (done, failed) = rows(folder, QUERIES[0], monkeypatch)
+    (done, *failed) = rows(folder, QUERIES[0], monkeypatch)
     assert done[:2] == ("ok", 3)
     assert done[2] == pytest.approx(3 * 120 / 3600, rel=0.01)  # a sample's length at each end is not driven
-    assert failed == ("unknown_format", 1, None, None)
+    assert sorted(failed) == [("unknown_format", 1, None, None), ("unreadable", 2, None, None)]
 
 
 def test_the_second_query_tells_stops_by_vehicle(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,5 +90,5 @@ def test_polars_and_pandas_read_what_duckdb_reads(folder: Path, monkeypatch: pyt
 def test_the_summary_names_hours_and_kilometres(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fleet", "summary", str(folder / "fleet_results")]) == 0
     shown = capsys.readouterr().out
-    assert "4 of 2 vehicles: 3 done, 1 failed" in shown
+    assert "6 of 2 vehicles: 3 done, 3 failed" in shown
     assert re.search(r"0\.1 h, \d\.\d km", shown)
