@@ -32,14 +32,13 @@ _APART_M: Final = 100.0
 
 @dataclass(frozen=True)
 class AidTrust:
-    """What is believed of the aids: m; m/sqrt(s); rad, of the mounting of the camera in the axes of the box.
+    """What is believed of the aids: m; m/sqrt(s).
 
     ground_level : m, height of the box above the map, in the datum of GNSS; None to take it from the heights of GNSS
     """
 
     baro: float = 0.3
     baro_walk: float = 0.02
-    camera: float = np.radians(0.3)
     steering: bool = True
     ground_level: float | None = None
 
@@ -67,7 +66,7 @@ def aids_of(
         aids.append(plane)
         learnt += found
     if visual is not None and visual.num_rows > 1 and imu.num_rows:
-        aids += [_rate(visual, imu, start_ns), *_direction(visual, start_ns, trust)]
+        aids += [_rate(visual, imu, start_ns), *_direction(visual, start_ns)]
         learnt.append(Metric("visual_motions", float(visual.num_rows), note="that a camera saw"))
     if wheel is not None and trust.steering and has(wheel, "steering_angle") and has(wheel, "speed"):
         turns, found = _steering(wheel, imu, start_ns)
@@ -172,14 +171,17 @@ def _means(t_s: Array, rows: Array, edge_s: Array) -> Array:
     return np.asarray(np.where(count > 0, np.diff(total, axis=1) / np.maximum(count, 1), np.nan))
 
 
-def _direction(visual: pa.Table, start_ns: int, trust: AidTrust) -> list[Direction]:
+def _direction(visual: pa.Table, start_ns: int) -> list[Direction]:
     if not (has(visual, "direction") and has(visual, "direction_std")):
         return []
     sigma, way = vector(visual, "direction_std", gaps=True), matrix(visual, "direction", gaps=True)
     known = np.isfinite(sigma) & np.isfinite(way).all(axis=1)
-    half = from_rotvec(-0.5 * to_rotvec(matrix(visual, "q")[known]))  # in a bend a chord lies along its middle
-    t_s = _middle_s(visual, start_ns)[known]
-    return [Direction(t_s, rotate(half, way[known]).T, sigma[known], trust.camera)] if known.any() else []
+    if not known.any():
+        return []
+    turn = to_rotvec(matrix(visual, "q")[known])
+    ahead = rotate(from_rotvec(-0.5 * turn), way[known])  # in a bend a chord lies along its middle
+    span_s = (time_ns(visual, "end_time") - time_ns(visual))[known, None] * 1e-9
+    return [Direction(_middle_s(visual, start_ns)[known], ahead.T, sigma[known], (turn / span_s).T)]
 
 
 def _middle_s(visual: pa.Table, start_ns: int) -> Array:

@@ -17,6 +17,8 @@ from recon.numerics.smoothing.soa import matrix_to_quat, quat_multiply
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
     ACCEL_SCALE,
+    CAMERA,
+    CAMERA_LEVER,
     DRIFT,
     GYRO_BIAS,
     GYRO_SCALE,
@@ -232,9 +234,12 @@ def estimates(found: Estimate, observed: Observed) -> list[Metric]:
             value = common[index] + (solved.moved_lag if index == LAG else 0.0)
             rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=how))
     rows += _biases(found)
-    for name, part in (("gyro_scale", GYRO_SCALE), ("accel_scale", ACCEL_SCALE)):
+    for name, part, unit, factor in (
+        ("gyro_scale", GYRO_SCALE, "1", 1.0), ("accel_scale", ACCEL_SCALE, "1", 1.0),
+        ("camera_turned", CAMERA, "deg", np.degrees(1.0)), ("camera_lever", CAMERA_LEVER, "m", 1.0),
+    ):  # fmt: skip
         rows += [
-            Metric(f"{name}_{axis}", float(v), "1", float(s), method=how, note="sensor frame")
+            Metric(f"{name}_{axis}", float(v) * factor, unit, float(s) * factor, method=how, note="sensor frame")
             for axis, v, s in zip("xyz", common[part], deviation[part], strict=True) if s > 0.0
         ]  # fmt: skip
     return rows + _noise(found, observed)

@@ -117,7 +117,13 @@ class MapParams(Params):
     ground_level: float | None = quantity(
         None, "m", doc="Height of the box above the map of heights, in the datum of GNSS; none: as GNSS tells it."
     )
-    camera_sigma: float = quantity(0.3, "deg", gt=0, doc="How well the camera's mounting in the box is known.")
+    camera_sigma: float = quantity(
+        0.3, "deg", gt=0, doc="How well the camera's mounting in the box is known; the rest is found."
+    )
+    camera_lever: tuple[float, float, float] = quantity(
+        (0.0, 0.0, 0.0), "m", doc="From the IMU to the camera, in the axes of imu; found, as far as turns tell it."
+    )
+    camera_lever_sigma: float = quantity(0.3, "m", gt=0, doc="How well that is known.")
     first_attitude_sigma: float = quantity(2.0, "deg", gt=0, doc="How well the stream attitude is known, where given.")
     output_rate: float | None = quantity(None, "Hz", gt=0, doc="Rows of the trajectory per second; none: every record.")
 
@@ -145,6 +151,7 @@ def fuse_map(
     """
     from recon.aiding import AidTrust, aids_of
     from recon.driving import drive_of, impacts_of, measured, observe, solve
+    from recon.numerics.smoothing.aids import Speed
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
@@ -154,10 +161,15 @@ def fuse_map(
     observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
     impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
-    trust = AidTrust(params.baro_noise, params.baro_walk, params.camera_sigma, params.steering, params.ground_level)
+    trust = AidTrust(params.baro_noise, params.baro_walk, params.steering, params.ground_level)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
-    drive = replace(drive, aids=aids)
-    found = solve(drive, model_of(params, attitude), noise_of(params, observed), params.estimate_noise)
+    model = model_of(params, attitude)
+    if visual is not None and visual.num_rows > 1:
+        lever, lever_sigma = params.camera_lever, params.camera_lever_sigma
+        model = replace(model, camera=params.camera_sigma, camera_lever=lever, camera_lever_sigma=lever_sigma)
+    if not params.wheels and len(drive.wheel_t_s) > 1:
+        aids = (*aids, Speed(drive.wheel_t_s, np.abs(drive.wheel_speed), model.wheel_speed))
+    found = solve(replace(drive, aids=aids), model, noise_of(params, observed), params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
     learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
     return {

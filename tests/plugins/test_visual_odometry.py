@@ -5,38 +5,22 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import map_drives
 import numpy as np
 import pyarrow as pa
 import pytest
+from filmed_drives import MOUNT_BV, Filmed, box_of, filmed
 from numpy.testing import assert_allclose
 from pydantic import ValidationError
-from streets import CENTRE, FOCAL, OPTICAL, Poses, Street, Wall, film
+from streets import OPTICAL, Poses, Wall
 
 from recon import FRAMES, Streams, build, matrix, time_ns, vector, with_meta
 from recon.errors import DataError, PluginError
-from recon.numerics.rotation import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix, to_rotvec
+from recon.numerics.rotation import conjugate, from_matrix, multiply, to_matrix, to_rotvec
 from recon.rows import warnings_of
-from recon_fusers.map import MapParams, fuse_map
 from recon_integrators.visual_odometry import VisualOdometryParams, visual_odometry
-
-MOUNT_BV = from_euler(0.05, 0.03, -0.04)
-"""The camera in the vehicle: 3 deg to the left, 2 deg down."""
-
-
-class Filmed(NamedTuple):
-    """A drive, the camera's poses at the images, the images, and how the camera sits."""
-
-    drive: Streams
-    poses: Poses
-    frames: pa.Table
-    params: VisualOdometryParams
-
-    def found(self) -> Streams:
-        return visual_odometry(frames=self.frames, params=self.params)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -45,25 +29,6 @@ def one_thread() -> Iterator[None]:
     cv2.setNumThreads(1)
     yield
     cv2.setNumThreads(before)
-
-
-def box_of(drive: Streams) -> np.ndarray:
-    """(4,), sensor to vehicle."""
-    numbers = map_drives.numbers(drive)
-    return from_euler(*np.radians([numbers[f"true_mount_{angle}"] for angle in ("yaw", "pitch", "roll")]))
-
-
-def filmed(drive: Streams, t_s: np.ndarray, folder: Path, **scene: object) -> Filmed:
-    """The drive as a camera sees it at these times since its start."""
-    reference, q_vs = drive["reference"], box_of(drive)
-    q_sc = multiply(conjugate(q_vs), MOUNT_BV)
-    at_ns = time_ns(reference)[0] + np.rint(t_s * 1e9).astype(np.int64)
-    poses = Poses.along(reference, at_ns, q_vs, to_matrix(q_sc) @ OPTICAL)
-    way_n = matrix(reference, "pos")
-    street = Street(way_n, float(way_n[:, 2].min()) - 1.4)
-    yaw, pitch, roll = (float(angle) for angle in to_euler(q_sc))
-    params = VisualOdometryParams(folder=str(folder), focal=(FOCAL, FOCAL), centre=CENTRE, mounting=(roll, pitch, yaw))
-    return Filmed(drive, poses, film(street, poses, folder, **scene), params)  # type: ignore[arg-type]
 
 
 def errors(film: Filmed, visual: pa.Table) -> tuple[np.ndarray, np.ndarray]:
@@ -229,32 +194,11 @@ def test_what_is_missing_is_said_in_a_sentence(bend, tmp_path, monkeypatch):
 
 
 def test_in_an_outage_without_wheels_a_camera_halves_the_error(tmp_path):
-    """30 s without GNSS; the scale is that of GNSS before and behind, its fixes good to centimetres, for what they err
-    by slowly no camera can know. The IMU is a poor one. On this drive the error falls to a third; README.md has others.
-    """
-    poor = {
-        "accel_noise": 5e-3,
-        "gyro_noise": np.radians(0.1),
-        "gyro_bias_walk": np.radians(0.03),
-        "accel_bias_walk": 3e-3,
-    }
-    span = (90.0, 120.0)
-    drive = map_drives.drive("nonstop", "rtk", seed=1, duration=150.0, outages=(span,), **poor)
-    film = filmed(drive, span[0] + np.arange(301) / 10.0, tmp_path)
-    without, beside = (
-        map_drives.errors(
-            drive,
-            fuse_map(
-                imu=drive["imu"],
-                gnss=drive["gnss"],
-                wheel=None,
-                attitude=None,
-                visual=visual,
-                params=MapParams(wheels=False),
-            ),
-        ).horizontal(span)
-        for visual in (None, film.found()["visual"])
-    )
+    """The benchmark has more drives; on this one the error falls to a quarter."""
+    from benchmarks import camera
+
+    made = camera.drive(4)
+    (without, _), (beside, _) = (camera.errors(made, visual, None) for visual in (None, camera.motions(made, tmp_path)))
     assert without > 0.5
     assert beside <= 0.5 * without
 

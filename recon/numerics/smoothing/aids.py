@@ -1,8 +1,10 @@
-"""What other sensors add to IMU and GNSS, as factors of knots: barometers, maps of heights, cameras, steering.
+"""What other sensors add to IMU and GNSS, as factors of knots: barometers, maps of heights, cameras, speeds, steering.
 
     climb       up (p_k+1 - p_k)            - dh          dh from a barometer, between knots
     ground      n (p - p_g)                 = 0           on the plane of the ground below, normal n
-    direction   E R^T v / |v|               = 0           E across the direction that a camera saw, sensor axes
+    direction   E C^T u / |u|               = 0           E across the direction that a camera saw, C what its axes are
+                                                          off by, u = R^T v + w x l its velocity, l its lever; sensor
+    speed       |v|                         - (1 + k) s   s a speed along the way, k the error of its scale
     rate        a (gyro - b_g)              - r           r a turn rate about a, from a camera or from wheels
 
 Each aid is told in its own times, and `at` the knots it becomes factors. All are robust (Cauchy), for a barometer hears
@@ -24,14 +26,25 @@ from numpy.typing import NDArray
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.robust import cauchy_weights
-from recon.numerics.smoothing.soa import Floats, cross, mtv, skew
-from recon.numerics.smoothing.state import GYRO_BIAS, POSITION, ROTATION, VELOCITY, State
+from recon.numerics.smoothing.soa import Floats, cross, mtv, rotation_exp
+from recon.numerics.smoothing.state import (
+    CAMERA,
+    CAMERA_LEVER,
+    GYRO_BIAS,
+    POSITION,
+    ROTATION,
+    VELOCITY,
+    WHEEL,
+    State,
+)
 
 _C2: Final = 9.0
 _AROUND_S: Final = 1.0
 """s before and behind a knot from which an aid's samples count for it."""
 _MOVING: Final = 1.0
 """m/s above which a direction of travel means something."""
+_MEAN_SIGMA: Final = np.radians(0.1)
+"""rad by which the mean of directions over two seconds is another than that of the middle."""
 
 
 class Factors(Protocol):
@@ -134,45 +147,88 @@ class Direction:
     """Directions of travel as a camera saw them.
 
     t_s : (m,) s, rising; direction_s : (3, m) unit vectors, axes of the box; sigma : (m,) rad
-    floor : rad, sigma of what all directions have in common, such as the mounting of the camera
+    rate_s : (3, m) rad/s, turn rates of the box then
     """
 
     t_s: Floats
     direction_s: Floats
     sigma: Floats
-    floor: float
+    rate_s: Floats
 
     def at(self, knot_t_s: Floats) -> DirectionFactors:
         """Means around the knots."""
-        count, mean = around(knot_t_s, self.t_s, np.vstack([self.direction_s, self.sigma[None]]))
+        count, mean = around(knot_t_s, self.t_s, np.vstack([self.direction_s, self.sigma[None], self.rate_s]))
         length = np.sqrt((mean[:3] ** 2).sum(axis=0))
         k = np.flatnonzero((count > 0) & (length > 0.5))
-        variance = mean[3, k] ** 2 / count[k] + self.floor**2
-        return DirectionFactors(k, _across(mean[:3, k] / length[k]), variance)
+        variance = mean[3, k] ** 2 / count[k] + _MEAN_SIGMA**2
+        return DirectionFactors(k, _across(mean[:3, k] / length[k]), mean[4:, k], variance)
 
 
 @dataclass(frozen=True)
 class DirectionFactors:
-    """k : (n,) knots; across_s : (2, 3, n) two directions across; variance : (n,) rad^2."""
+    """k : (n,) knots; across_s : (2, 3, n) two directions across; rate_s : (3, n) rad/s; variance : (n,) rad^2."""
 
     k: NDArray[np.intp]
     across_s: Floats
+    rate_s: Floats
     variance: Floats
 
     def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
         """Add the factors at a state: sideways and upwards of the direction nothing, by as much as it is doubted."""
         rot, vel_n = state.rot_ns[..., self.k], state.vel_n[:, self.k]
-        speed = np.sqrt((vel_n**2).sum(axis=0))
-        error = np.einsum("aim,im->am", self.across_s, mtv(rot, vel_n)) / np.maximum(speed, _MOVING)
+        lever = np.broadcast_to(state.common[CAMERA_LEVER, None], vel_n.shape)
+        vel_s = mtv(rot, vel_n) + cross(self.rate_s, lever)
+        speed = np.maximum(np.sqrt((vel_s**2).sum(axis=0)), _MOVING)
+        across_s = np.einsum("ij,ajm->aim", rotation_exp(state.common[CAMERA, None])[..., 0], self.across_s)
+        error = np.einsum("aim,im->am", across_s, vel_s) / speed
         on = speed > _MOVING
         weight = cauchy_weights((error**2).sum(axis=0) / self.variance, _C2) / self.variance
-        root = np.sqrt(weight * on) / np.maximum(speed, _MOVING)
-        to_across = np.einsum("aim,jim->ajm", self.across_s, rot)
-        tall = np.zeros((len(self.k), 2, 7))
-        tall[:, :, :3] = (np.einsum("ajm,jkm->akm", to_across, skew(vel_n)) * root).transpose(2, 0, 1)
-        tall[:, :, 3:6] = (to_across * root).transpose(2, 0, 1)
-        tall[:, :, 6] = (-error * root * np.maximum(speed, _MOVING)).T
-        normal.add_knots(slice(ROTATION.start, VELOCITY.stop), slice(0, 0), tall, self.k)
+        root = np.sqrt(weight * on) / speed
+        to_n = np.einsum("aim,jim->ajm", across_s, rot)
+        tall = np.zeros((len(self.k), 2, 13))
+        for row, (along_n, along_s) in enumerate(zip(to_n, across_s, strict=True)):
+            parts = cross(along_n, vel_n), along_n, cross(along_s, vel_s), cross(along_s, self.rate_s)
+            tall[:, row, :12] = (np.concatenate(parts) * root).T
+            tall[:, row, 12] = -error[row] * root * speed
+        normal.add_knots(slice(ROTATION.start, VELOCITY.stop), slice(CAMERA.start, CAMERA_LEVER.stop), tall, self.k)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Speeds along the way, whichever way that is: of wheels under a vehicle that slips, of a log in the water.
+
+    t_s : (m,) s, rising; speed : (m,) m/s, without sign; sigma : m/s
+    """
+
+    t_s: Floats
+    speed: Floats
+    sigma: float
+
+    def at(self, knot_t_s: Floats) -> SpeedFactors:
+        """The speed at the knots that have samples around them."""
+        count, _ = around(knot_t_s, self.t_s, self.speed[None])
+        k = np.flatnonzero((count > 0) & (knot_t_s >= self.t_s[0]) & (knot_t_s <= self.t_s[-1]))
+        return SpeedFactors(k, np.interp(knot_t_s[k], self.t_s, self.speed), self.sigma**2)
+
+
+@dataclass(frozen=True)
+class SpeedFactors:
+    """k : (n,) knots; speed : (n,) m/s; variance : (m/s)^2."""
+
+    k: NDArray[np.intp]
+    speed: Floats
+    variance: float
+
+    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
+        """Add the factors at a state; while it hardly moves it has no direction, and there is none."""
+        vel_n = state.vel_n[:, self.k]
+        speed = np.sqrt((vel_n**2).sum(axis=0))
+        error = speed - (1.0 + state.common[WHEEL]) * self.speed
+        weight = cauchy_weights(error**2 / self.variance, _C2) / self.variance * (speed > _MOVING)
+        root = np.sqrt(weight)
+        ahead = vel_n / np.maximum(speed, _MOVING)
+        tall = np.stack([*(ahead * root), -self.speed * root, -error * root], axis=-1)[:, None]
+        normal.add_knots(VELOCITY, slice(WHEEL, WHEEL + 1), tall, self.k)
 
 
 @dataclass(frozen=True)

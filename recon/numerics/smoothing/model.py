@@ -40,6 +40,8 @@ class Model:
     gyro_bias rad/s, accel_bias m/s^2, gyro_scale, accel_scale 1 : sigmas
     mounting : (3, 3) vehicle from sensor, None for the closed form's; mounting_sigma : (3,) rad
     lever, rear : (3,) m, vehicle, mean; lever_sigma, rear_sigma : (3,) m
+    camera : rad, sigma of the axes of a camera, 0 where there is none; camera_lever : (3,) m, sensor, mean;
+        camera_lever_sigma : m
     lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
     wheels : does it roll on wheels, so that it moves forward only
     across m/s, slip_growth : sigma of motion across at one second, and its growth with slip
@@ -59,6 +61,9 @@ class Model:
     lever_sigma: tuple[float, float, float] = (1.0, 1.0, 1.0)
     rear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rear_sigma: tuple[float, float, float] = (1.5, 1.5, 1.5)
+    camera: float = 0.0
+    camera_lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_lever_sigma: float = 0.0
     lag: float = 0.1
     velocity_lag: float = 0.1
     slip: float = 0.01

@@ -62,7 +62,7 @@ class Moments:
     """Second moments of the step about the linearisation: x x^T + covariance.
 
     own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (N, 18, 21); both_common : (21, 21)
-    step : (N, 18), step_common : (21,)
+    step : (N, 18), step_common : (27,)
     """
 
     own: Floats

@@ -18,6 +18,8 @@ from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
 from recon.numerics.smoothing.state import (
     ACCEL_SCALE,
+    CAMERA,
+    CAMERA_LEVER,
     COMMON_SIZE,
     GYRO_SCALE,
     LAG,
@@ -76,7 +78,7 @@ class Datum:
 
 
 def free_of(model: Model) -> Mask:
-    """Which of the common unknowns are estimated, not fixed: (21,)."""
+    """Which of the common unknowns are estimated, not fixed: (27,)."""
     return _sigmas(model) > 0.0
 
 
@@ -85,6 +87,7 @@ def add_priors(normal: Normal, state: State, model: Model, datum: Datum, moved_l
     errors, sigma = state.common.copy(), _sigmas(model)
     errors[MOUNT] = rotation_log((state.rot_vs @ datum.rot_vs.T)[..., None])[:, 0]
     errors[LAG] += moved_lag
+    errors[CAMERA_LEVER] -= model.camera_lever
     weight = np.diag(1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2)
     for where, mean, sizes in ((LEVER, model.lever, model.lever_sigma), (REAR, model.rear, model.rear_sigma)):
         errors[where] -= state.rot_vs.T @ np.asarray(mean)
@@ -98,11 +101,12 @@ def add_priors(normal: Normal, state: State, model: Model, datum: Datum, moved_l
 
 
 def _sigmas(model: Model) -> Floats:
-    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (21,)."""
+    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (27,)."""
     sigma = np.ones(COMMON_SIZE)
     sigma[MOUNT] = model.mounting_sigma
     sigma[LAG], sigma[VELOCITY_LAG], sigma[WHEEL] = model.lag, model.velocity_lag, model.wheel
     sigma[SLIP], sigma[PITCH], sigma[ROLL] = model.slip, model.pitch, model.roll
+    sigma[CAMERA], sigma[CAMERA_LEVER] = model.camera, model.camera_lever_sigma
     sigma[GYRO_SCALE], sigma[ACCEL_SCALE] = model.gyro_scale, model.accel_scale
     return sigma
 

@@ -18,6 +18,8 @@
 | SLIP, PITCH        | s^2/m   | side-slip per lateral, pitch per longitudinal acceleration (compliance)    |
 | WHEEL              | 1       | the wheels report (1 + WHEEL) times less than the truth                    |
 | GYRO_SCALE, ACCEL_SCALE | 1  | scale errors of each axis                                                  |
+| CAMERA             | rad     | error of the axes of a camera: it saw d where exp(CAMERA) d is true, sensor |
+| CAMERA_LEVER       | m       | from the IMU to the camera; sensor                                         |
 
 Axes n are East, North, Up at the anchor, fixed to the Earth; v is the vehicle (ISO 8855), s the box.
 """
@@ -50,7 +52,9 @@ PITCH: Final = 13
 WHEEL: Final = 14
 GYRO_SCALE: Final = slice(15, 18)
 ACCEL_SCALE: Final = slice(18, 21)
-COMMON_SIZE: Final = 21
+CAMERA: Final = slice(21, 24)
+CAMERA_LEVER: Final = slice(24, 27)
+COMMON_SIZE: Final = 27
 SCALES: Final = slice(15, 21)
 
 LARGEST_TURN: Final = 0.7
@@ -61,7 +65,7 @@ LARGEST_TURN: Final = 0.7
 class State:
     """One value of all unknowns; arrays as in the module's tables, knots last: (3, N), rot_ns (3, 3, N).
 
-    common : (21,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
+    common : (27,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
     """
 
     rot_ns: Floats
@@ -79,7 +83,7 @@ class State:
         return int(self.pos_n.shape[1])
 
     def moved(self, step: Floats, step_common: Floats) -> State:
-        """The state after a step of the solver: (18, N) and (21,). A turn beyond LARGEST_TURN shortens all of it."""
+        """The state after a step of the solver: (18, N) and (27,). A turn beyond LARGEST_TURN shortens all of it."""
         turn = max(float(np.abs(step[ROTATION]).max()), float(np.abs(step_common[MOUNT]).max()))
         share = min(1.0, LARGEST_TURN / turn) if turn > 0.0 else 1.0
         step, step_common = step * share, step_common * share

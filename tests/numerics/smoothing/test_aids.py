@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from smoothing_drives import Linearised, Log, dense, derivatives, linearised, simulate
 
 from recon.numerics.smoothing import Model, estimate
-from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate, around
+from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate, Speed, around
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.robust import cauchy_weights
-from recon.numerics.smoothing.soa import mtv
-from recon.numerics.smoothing.state import KNOT_SIZE
+from recon.numerics.smoothing.soa import cross, mtv, rotation_exp
+from recon.numerics.smoothing.state import CAMERA, CAMERA_LEVER, COMMON_SIZE, KNOT_SIZE, WHEEL
 
 # Central differences of a step of 1e-5, relative to the size of a column.
 DIFFERENCE = 1e-6
@@ -35,7 +35,7 @@ def check(drive, aid, rows):
     now = rows(factors, drive.state)
     weight = np.sqrt(cauchy_weights((now**2).sum(axis=0), 9.0))
     jacobian = derivatives(lambda state: rows(factors, state) * weight, drive.state)
-    jacobian = jacobian.reshape(-1, KNOT_SIZE * drive.state.knots + 21)
+    jacobian = jacobian.reshape(-1, KNOT_SIZE * drive.state.knots + COMMON_SIZE)
     matrix, right = dense(normal)
     size = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-4 * np.abs(jacobian).max())
     assert_allclose((matrix - jacobian.T @ jacobian) / np.outer(size, size), 0.0, atol=DIFFERENCE)
@@ -71,20 +71,67 @@ def test_the_box_keeps_its_distance_from_the_ground(drive):
     check(drive, aid, rows)
 
 
+def directions(truth, rng=None):
+    """What a camera at the IMU sees, to half a degree where there is an rng: (3, m)."""
+    vel_s = mtv(truth.rot_ns, truth.vel_n)
+    direction = vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9)
+    if rng is not None:
+        direction = direction + np.radians(0.5) * rng.standard_normal(direction.shape)
+    return direction / np.maximum(np.linalg.norm(direction, axis=0), 1e-9)
+
+
 def test_a_camera_tells_the_direction_of_travel(drive):
     t_s = np.arange(0.0, 30.0, 0.1)
     truth = drive.sim.at(t_s)
-    vel_s = mtv(truth.rot_ns, truth.vel_n)
-    direction = vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9)
-    aid = Direction(t_s, direction, np.full(len(t_s), 0.03), 0.002)
+    rate = np.array([[0.1], [-0.2], [0.3]]) * np.sin(t_s)
+    aid = Direction(t_s, directions(truth), np.full(len(t_s), 0.03), rate)
+
+    def velocity(factors, state):
+        lever = np.broadcast_to(state.common[CAMERA_LEVER, None], factors.rate_s.shape)
+        return mtv(state.rot_ns[..., factors.k], state.vel_n[:, factors.k]) + cross(factors.rate_s, lever)
 
     def rows(factors, state):
-        vel_n = state.vel_n[:, factors.k]
-        fixed = np.linalg.norm(drive.state.vel_n[:, factors.k], axis=0)
-        seen = np.einsum("aim,im->am", factors.across_s, mtv(state.rot_ns[..., factors.k], vel_n))
+        fixed = np.linalg.norm(velocity(factors, drive.state), axis=0)
+        across = np.einsum("ij,ajm->aim", rotation_exp(state.common[CAMERA, None])[..., 0], factors.across_s)
+        seen = np.einsum("aim,im->am", across, velocity(factors, state))
         return seen / np.maximum(fixed, 1.0) / np.sqrt(factors.variance) * (fixed > 1.0)
 
     check(drive, aid, rows)
+
+
+def test_a_speed_tells_the_length_of_the_velocity(drive):
+    t_s = np.arange(0.0, 30.0, 0.1)
+    aid = Speed(t_s, 1.02 * np.linalg.norm(drive.sim.at(t_s).vel_n, axis=0), 0.1)
+
+    def rows(factors, state):
+        speed = np.linalg.norm(state.vel_n[:, factors.k], axis=0)
+        error = speed - (1.0 + state.common[WHEEL]) * factors.speed
+        return (error / 0.1 * (np.linalg.norm(drive.state.vel_n[:, factors.k], axis=0) > 1.0))[None]
+
+    check(drive, aid, rows)
+
+
+def test_what_a_camera_is_turned_by_and_where_it_stands_is_found():
+    """A degree and a metre off, told to be known to a degree and a metre: a drive with bends shows both."""
+    turned, lever = np.radians([0.0, 1.0, -0.8]), np.array([1.0, 0.3, -0.2])
+    sim = simulate(Log(seconds=200.0, kind="nonstop", seed=2))
+    t_s = np.arange(0.0, 200.0, 0.1)
+    truth = sim.at(t_s)
+    rate = np.array([np.interp(t_s, sim.drive.samples.t_s, axis) for axis in sim.drive.samples.gyro_s.T])
+    vel_s = mtv(truth.rot_ns, truth.vel_n) + cross(rate, np.broadcast_to(lever[:, None], rate.shape))
+    seen = mtv(rotation_exp(turned[:, None]), vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9))
+    noise = np.radians(0.5) * np.random.default_rng(1).standard_normal(seen.shape)
+    seen = (seen + noise) / np.linalg.norm(seen + noise, axis=0)
+    aid = Direction(t_s, seen, np.full(len(t_s), np.radians(0.5)), rate)
+    model = Model(camera=np.radians(1.0), camera_lever_sigma=1.0)
+    found = estimate(replace(sim.drive, aids=(aid,)), model, sim.log.noise, learn_noise=False)
+    sigma = np.sqrt(np.diag(found.covariance_common))
+    for where, true in ((CAMERA, turned), (CAMERA_LEVER, lever)):
+        off = found.solved.state.common[where] - true
+        assert (np.abs(off) < 4.0 * sigma[where]).all()
+    # about the way itself a camera turns no direction, and along the way a lever moves none: both keep their prior
+    assert (sigma[CAMERA][1:] < np.radians(0.2)).all()
+    assert sigma[CAMERA_LEVER][0] < 0.3
 
 
 @pytest.mark.parametrize("one_axis", [False, True])
@@ -158,10 +205,8 @@ def test_directions_of_a_camera_bound_the_drift_across_in_an_outage_without_whee
                         vel_sigma=np.where(hidden, np.inf, fixes.vel_sigma))  # fmt: skip
         t_s = np.arange(0.0, 200.0, 0.1)
         truth = sim.at(t_s)
-        vel_s = mtv(truth.rot_ns, truth.vel_n)
-        direction = vel_s / np.maximum(np.linalg.norm(vel_s, axis=0), 1e-9)
-        direction += np.radians(0.5) * np.random.default_rng(seed).standard_normal(direction.shape)
-        aid = Direction(t_s, direction / np.linalg.norm(direction, axis=0), np.full(len(t_s), np.radians(0.5)), 0.002)
+        direction = directions(truth, rng=np.random.default_rng(seed))
+        aid = Direction(t_s, direction, np.full(len(t_s), np.radians(0.5)), np.zeros((3, len(t_s))))
         knots = sim.drive.samples.knot_times
         inside = (knots > 125.0) & (knots < 145.0)
         true = sim.at(knots)

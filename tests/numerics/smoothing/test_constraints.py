@@ -13,7 +13,7 @@ from smoothing_drives import Linearised, Log, dense, derivatives, linearised
 from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks, relative_turn
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import mtv
-from recon.numerics.smoothing.state import DRIFT, GYRO_BIAS, KNOT_SIZE, ROLL, State
+from recon.numerics.smoothing.state import COMMON_SIZE, DRIFT, GYRO_BIAS, KNOT_SIZE, ROLL, State
 
 SIGMA, TILT, HEADING = 0.02, 1e-4, 3e-5
 # Central differences of a step of 1e-5, relative to the size of a column.
@@ -27,7 +27,7 @@ def drive() -> Linearised:
 
 def check(normal: Normal, state: State, rows: Callable[[State], np.ndarray], allowed: float) -> None:
     """The normal equations are those of weighted rows, whose Jacobian is found by differences."""
-    jacobian = derivatives(rows, state).reshape(-1, KNOT_SIZE * state.knots + 21)
+    jacobian = derivatives(rows, state).reshape(-1, KNOT_SIZE * state.knots + COMMON_SIZE)
     residual = rows(state).ravel()
     size = np.sqrt((jacobian**2).sum(axis=0))
     size = np.maximum(size, 1e-4 * size.max())  # columns that are next to nothing are next to rounding

@@ -12,7 +12,7 @@ from smoothing_drives import Log, Simulated, box, simulate
 from recon.numerics.smoothing import Drive, Estimate, Fixes, Model, estimate, sigmas
 from recon.numerics.smoothing.estimate import forward_speed, knots_of, part_of
 from recon.numerics.smoothing.soa import mm, mmt, rotation_log
-from recon.numerics.smoothing.state import ACCEL_BIAS, GYRO_BIAS, POSITION, ROTATION, VELOCITY, WHEEL
+from recon.numerics.smoothing.state import ACCEL_BIAS, COMMON_SIZE, GYRO_BIAS, POSITION, ROTATION, VELOCITY, WHEEL
 
 MOST_STEPS = 12
 
@@ -232,9 +232,9 @@ def test_sigmas_of_the_vehicle_share_the_doubt_of_the_mounting():
     vehicle = mmt(state.rot_ns, state.rot_vs[..., None])
     step = 1e-6
     for k in (5, 40, 85):
-        jacobian = np.zeros((3, 18 + 21))
-        for index in range(18 + 21):
-            knots, common = np.zeros((18, state.knots)), np.zeros(21)
+        jacobian = np.zeros((3, 18 + COMMON_SIZE))
+        for index in range(18 + COMMON_SIZE):
+            knots, common = np.zeros((18, state.knots)), np.zeros(COMMON_SIZE)
             (knots[:, k] if index < 18 else common)[index % 18 if index < 18 else index - 18] = step
             moved = state.moved(knots, common)
             other = mmt(moved.rot_ns, moved.rot_vs[..., None])

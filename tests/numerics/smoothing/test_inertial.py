@@ -12,6 +12,7 @@ from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import preintegrate
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
+    COMMON_SIZE,
     GYRO_BIAS,
     KNOT_SIZE,
     POSITION,
@@ -30,8 +31,8 @@ def tall_at(drive: Linearised, state: State) -> np.ndarray:
 
 
 def spread_out(tall: np.ndarray, knots: int) -> np.ndarray:
-    """Jacobians (K, r, 31) as rows of the whole problem: (K, r, 18 N + 21)."""
-    whole = np.zeros((*tall.shape[:2], KNOT_SIZE * knots + 21))
+    """Jacobians (K, r, 31) as rows of the whole problem: (K, r, 18 N + COMMON_SIZE)."""
+    whole = np.zeros((*tall.shape[:2], KNOT_SIZE * knots + COMMON_SIZE))
     for k in range(knots - 1):
         here, there = KNOT_SIZE * k, KNOT_SIZE * (k + 1)
         whole[k][:, here + HERE.start : here + HERE.stop] = tall[k, :, :15]

@@ -81,7 +81,7 @@ def wheels(drive: Linearised, speed: float = 10.0) -> BodyModel:
 
 
 def spread_out(drive: Linearised, rows: Measured, hermite: np.ndarray, drift: bool) -> np.ndarray:
-    """The chain rule from epochs to knots, written out: (E, 3, 18 N + 21)."""
+    """The chain rule from epochs to knots, written out: (E, 3, 18 N + COMMON_SIZE)."""
     knots, u = drive.state.knots, drive.inside.u
     whole = np.zeros((len(u), 3, KNOT_SIZE * knots + COMMON_SIZE))
     for e, k in enumerate(drive.smoother.epochs.interval):
