@@ -125,7 +125,8 @@ def _rate(visual: pa.Table, imu: pa.Table, start_ns: int) -> Rate:
     felt = to_rotvec(multiply(conjugate(first), last)) / span_s[:, None]
     seen = to_rotvec(matrix(visual, "q")[inside]) / span_s[:, None]
     sigma = vector(visual, "rotation_std")[inside] / span_s
-    return Rate(_middle_s(visual, start_ns)[inside], span_s, felt.T, seen.T, None, sigma)
+    t_s = _middle_s(visual, start_ns)[inside]
+    return Rate(t_s, span_s, felt.T, seen.T, None, _lasting(t_s, sigma))
 
 
 def _steering(wheel: pa.Table, imu: pa.Table, start_ns: int) -> tuple[list[Rate], list[Metric]]:
@@ -181,7 +182,17 @@ def _direction(visual: pa.Table, start_ns: int) -> list[Direction]:
     turn = to_rotvec(matrix(visual, "q")[known])
     ahead = rotate(from_rotvec(-0.5 * turn), way[known])  # in a bend a chord lies along its middle
     span_s = (time_ns(visual, "end_time") - time_ns(visual))[known, None] * 1e-9
-    return [Direction(_middle_s(visual, start_ns)[known], ahead.T, sigma[known], (turn / span_s).T)]
+    t_s = _middle_s(visual, start_ns)[known]
+    return [Direction(t_s, ahead.T, _lasting(t_s, sigma[known]), (turn / span_s).T)]
+
+
+def _lasting(t_s: Array, sigma: Array) -> Array:
+    """Sigmas (m,) of which those within a second either side say together no more than one.
+
+    A camera follows the same corners from image to image, and mistakes the same turn for a move.
+    """
+    near = np.searchsorted(t_s, t_s + 1.0, side="right") - np.searchsorted(t_s, t_s - 1.0)
+    return np.asarray(sigma * np.sqrt(near))
 
 
 def _middle_s(visual: pa.Table, start_ns: int) -> Array:

@@ -194,7 +194,7 @@ def test_what_is_missing_is_said_in_a_sentence(bend, tmp_path, monkeypatch):
 
 
 def test_in_an_outage_without_wheels_a_camera_halves_the_error(tmp_path):
-    """The benchmark has more drives; on this one the error falls to a quarter."""
+    """The benchmark has more drives; on this one the error falls to a third."""
     from benchmarks import camera
 
     made = camera.drive(4)
