@@ -9,8 +9,7 @@
     outages     town and country, an outage of 60 s each five minutes: the speed of the wheels, and beside it the angle
                 of the steering wheel. Horizontal RMS error in the outages: all of it, most of which is the slow error
                 of GNSS before and after; and what the outage added to that
-    end         the same, one outage, the last four minutes, after which no fix comes; and with a gyroscope whose bias
-                walks by 0.01 deg/s in a second
+    end         the same, one outage, the last four minutes, after which no fix comes
 
 A row is a drive: error of GNSS itself, without the aid, with it.
 """
@@ -98,7 +97,6 @@ def map_of_heights(seed: int, level: float | None = None) -> Row:
 
 WITHIN = ((240.0, 300.0), (540.0, 600.0), (840.0, 900.0))
 LAST = ((720.0, 960.0),)
-POOR = {"gyro_bias_walk": np.radians(0.01)}
 
 
 def place_errors(found: pa.Table, reference: pa.Table, spans: tuple[tuple[float, float], ...]) -> tuple[float, float]:
@@ -118,12 +116,12 @@ def place_errors(found: pa.Table, reference: pa.Table, spans: tuple[tuple[float,
     return rms(np.linalg.norm(np.vstack(whole), axis=1)), rms(np.linalg.norm(np.vstack(added), axis=1))
 
 
-def silent(seed: int, spans: tuple[tuple[float, float], ...], **box: object) -> np.ndarray:
+def silent(seed: int, spans: tuple[tuple[float, float], ...]) -> np.ndarray:
     """Errors of places in outages without wheels, with their speed, and with the steering beside it: (3, 2) m."""
     drive = simulate_drive(
         DriveParams(
             motion="mixed", duration=960.0, imu_rate=50.0, seed=seed, route=seed, outages=spans, wheel_rate=20.0,
-            steering=True, **box,
+            steering=True,
         )
     )  # fmt: skip
     speed = drive["wheel"].select(["time", "speed"])
@@ -131,8 +129,7 @@ def silent(seed: int, spans: tuple[tuple[float, float], ...], **box: object) -> 
     return np.array([place_errors(table, drive["reference"], spans) for table in tables])
 
 
-OUTAGES = {"outages": (WITHIN, {}), "end": (LAST, {}), "end, poor gyro": (LAST, POOR)}
-"""Spans, and what else the box is."""
+OUTAGES = {"outages": WITHIN, "end": LAST}
 
 
 def main() -> None:
@@ -147,9 +144,9 @@ def main() -> None:
     for name, case in cases.items():
         if not options.only or name in options.only:
             show(name, np.array([case(seed) for seed in seeds]))
-    for name, (spans, box) in OUTAGES.items():
+    for name, spans in OUTAGES.items():
         if not options.only or name in options.only:
-            found = np.array([silent(seed, spans, **box) for seed in seeds])
+            found = np.array([silent(seed, spans) for seed in seeds])
             for kind, errors in zip(("all", "added"), np.moveaxis(found, 2, 0), strict=True):
                 nothing = np.full(len(errors), np.nan)
                 show(f"{name}, wheels, {kind}", np.column_stack([nothing, errors[:, :2]]))
