@@ -2,7 +2,8 @@
 
     python tests/benchmarks/fleet.py [scaling] [rate] [overhead] [memory] [planning] [--drives 100000] [--tiny 10000]
 
-scaling    the same simulated drives of ten minutes through best_accuracy, on one worker and on one for each core
+scaling    the same simulated drives of ten minutes through best_accuracy, on one worker, on one for each core, and in
+           as many batches of one worker
 rate       drive-hours per core-hour of best_accuracy on one worker, drives of ten minutes and of an hour
 overhead   many drives of a few rows: time per job of a batch, less that of the pipeline alone in one process
 memory     peak memory of the driver over 1 000 jobs and over --drives jobs, whose work is left away
@@ -18,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
@@ -75,13 +77,24 @@ def timed(file: Path) -> float:
 
 
 def scaling(folder: Path) -> None:
-    """Workers are begun inside the time that counts, so drives are long enough for that not to matter."""
+    """Beside it what the machine allows: as many batches of one worker at once that know nothing of each other.
+
+    Workers are begun inside the time that counts, so drives are long enough for that not to matter.
+    """
     cores = len(psutil.Process().cpu_affinity()) if hasattr(psutil.Process, "cpu_affinity") else psutil.cpu_count()
+    places = [folder / f"part{number}" for number in range(cores)]
     write_drives(folder, 600.0, 12 * cores)
+    for place in places:
+        write_drives(place, 600.0, 12)
     alone = timed(batch_file(folder, "best_accuracy", "alone"))
     spread = timed(batch_file(folder, "best_accuracy", "spread", cores))
-    print(f"one worker: {alone:.1f} s, {cores} workers: {spread:.1f} s")
+    with ThreadPoolExecutor(cores) as threads:
+        started = time.perf_counter()
+        list(threads.map(lambda place: timed(batch_file(place, "best_accuracy", "apart")), places))
+        apart = time.perf_counter() - started
+    print(f"one worker: {alone:.1f} s, {cores} workers: {spread:.1f} s, {cores} batches of one worker: {apart:.1f} s")
     print(f"scaling: {alone / spread:.2f} of {cores} ({alone / spread / cores:.2f} W; goal 0.85 W)")
+    print(f"what the machine allows: {alone / apart:.2f} of {cores}")
 
 
 def rate(folder: Path) -> None:
