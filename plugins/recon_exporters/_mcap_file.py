@@ -43,6 +43,8 @@ _HEADER: Final = np.dtype(
 _AFTER_LENGTH: Final = _HEADER.itemsize - 9
 _LEVEL: Final = 1
 """Of zstd: the higher ones make these files 3 % smaller and take three times as long."""
+_WORKERS: Final = 3
+"""Threads that encode; a fourth beside the one that writes waits for the interpreter's lock, and all are slower."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def write_file(
 
 def _ahead(work: Callable[[list[slice]], _Chunk], spans: Iterable[list[slice]]) -> Iterator[_Chunk]:
     """What the work makes of each span, in their order; some are made while others are written, never all at once."""
-    workers = min(4, os.cpu_count() or 1)
+    workers = max(1, min(_WORKERS, (os.cpu_count() or 1) - 1))
     waiting: deque[Future[_Chunk]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for span in spans:
