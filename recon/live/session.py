@@ -181,7 +181,8 @@ class Session:
                 return read_one(self.steps.reader, path, self.registry)
             except ReadFailed as error:
                 line = self._pieces.line(error.line)
-                told = ReadFailed(self.source.name, error.what, line=line, column=error.column, hint=error.hint)
+                what, hint = (text.replace(str(path), str(self._file or "FILE")) for text in (error.what, error.hint))
+                told = ReadFailed(self.source.name, what, line=line, column=error.column, hint=hint)
                 if error.line is None:
                     raise told from error
                 try:
