@@ -281,6 +281,25 @@ def test_wheels_help_most_where_there_are_no_fixes() -> None:
     assert np.median(with_wheels) < 0.8 * np.median(alone)
 
 
+def test_a_gyroscope_that_wanders_far_converges_without_fixes_and_wheels_help() -> None:
+    """In the last four minutes its bias moves by 0.15 deg/s, so that the heading ends some 20 deg off, too far for a
+    start that stays where the last fix was. Five sigmas: an error of the heading there is one error, and not linear.
+    """
+    last, rolled, alone = (720.0, 960.0), [], []
+    for seed in range(1, 9) if THOROUGH else (1, 4):
+        streams = drive(
+            "mixed", "consumer_mems", seed, duration=960.0, imu_rate=50.0, outages=(last,), wheel_rate=20.0,
+            gyro_bias_walk=np.radians(0.01),
+        )  # fmt: skip
+        without_wheels = {name: streams[name] for name in streams if name != "wheel"}
+        for given, found in ((streams, rolled), (without_wheels, alone)):
+            result = fused(given, gyro_bias_walk=np.radians(0.01))
+            assert warnings_of(result["metrics"]) == []
+            found.append(errors(streams, result))
+            assert found[-1].over_sigma(last) < 5.0
+    assert np.median([one.horizontal(last) for one in rolled]) < np.median([one.horizontal(last) for one in alone])
+
+
 @pytest.mark.parametrize("told", [0.5, 2.0])
 def test_sigmas_told_wrong_hardly_change_the_position(told: float) -> None:
     """Under 5 % over many drives; a single one changes by its outliers, a few may by three times that."""

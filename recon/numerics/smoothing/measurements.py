@@ -16,7 +16,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -65,15 +65,21 @@ class Fixes:
 class BodyModel:
     """How well the constraint of the wheels holds: sigma m/s at one second, its growth with slip, wheel speed's sigma.
 
-    on : (E,) epochs at which it is used; wheel_speed : (E,) m/s at the epochs, NaN where there is none; of its sign,
-        which not all wheels tell, nothing is made
+    on : (E,) epochs at which it is used; rolls : (E,) those at which it is used however slow they are
+    wheel_speed : (E,) m/s at the epochs, NaN where there is none; of its sign, which not all wheels tell, nothing is
+        made
     """
 
     sigma: float
     slip: float
     wheel_sigma: float
     on: NDArray[np.bool_]
+    rolls: NDArray[np.bool_]
     wheel_speed: Floats
+
+    def kept_on(self, here: AtEpochs) -> BodyModel:
+        """The same, with the epochs that move in a state moving in all that come after it."""
+        return replace(self, rolls=self.rolls | _moving(here))
 
 
 @dataclass(frozen=True)
@@ -206,19 +212,24 @@ def body_rows(here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, ro
 
 def _body_weights(u: Floats, turn_rate: Floats, here: AtEpochs, epochs: Epochs, model: BodyModel) -> Floats:
     """(3, E) 1 / (m/s): nothing below walking pace, where the body sways more than the wheels tell."""
-    speed = np.sqrt((here.vel**2).sum(axis=0))
+    moves = model.on & (model.rolls | _moving(here))
     side = np.hypot(model.sigma, model.slip * np.abs(turn_rate[2]) * u[0] ** 2 / 3.0)
     rolls = np.isfinite(model.wheel_speed) & epochs.live
     return np.asarray(
         np.stack(
             [
                 np.where(rolls, 1.0 / model.wheel_sigma, 0.0),
-                np.where(model.on & (speed > _MOVING), 1.0 / side, 0.0),
-                np.where(model.on & (speed > _MOVING), 1.0 / model.sigma, 0.0),
+                np.where(moves, 1.0 / side, 0.0),
+                np.where(moves, 1.0 / model.sigma, 0.0),
             ]
         )
         * np.sqrt(epochs.seconds)
     )
+
+
+def _moving(here: AtEpochs) -> NDArray[np.bool_]:
+    """Which epochs move so fast that wheels tell the direction: (E,)."""
+    return np.asarray(np.sqrt((here.vel**2).sum(axis=0)) > _MOVING)
 
 
 def add_measured(

@@ -59,6 +59,10 @@ from recon.numerics.smoothing.state import (
 from recon.numerics.smoothing.stops import SLOW, Mask, block_means, still_blocks, still_noise, still_spans
 
 MOST_STEPS: Final = 30
+_SETTLING: Final = 6
+"""Steps after which an epoch that moves keeps the constraint of the wheels: one near walking pace may otherwise lose it
+and win it back from step to step for ever.
+"""
 _SHARP: Final = 30.0
 _SMALL_TURN: Final = 1e-3
 _SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
@@ -129,6 +133,7 @@ class Smoother:
             slip=self.model.slip_growth,
             wheel_sigma=self.model.wheel_speed,
             on=self.epochs.live & ~quiet & ~samples.filled[step] & ~self._slipping(t_s),
+            rolls=np.zeros(len(t_s), dtype=bool),
             wheel_speed=speed,
         )
 
@@ -138,6 +143,7 @@ class Smoother:
         made = self._integrated(state, noise)
         sharpness: Sharpness | None = None
         damping, done = 0.0, False
+        self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
         for count in range(1, MOST_STEPS + 1):
             state, made = self._kept_fresh(state, noise, made)
             here = self._linearise(state, noise, gravity, made, loss, sharpness, count)
@@ -223,6 +229,8 @@ class Smoother:
     ) -> Linearised:
         """Sum the normal equations at a state up in `normal`."""
         ends = misclosure(state, made.increments, gravity, self.earth_rate_n)
+        if count > _SETTLING:
+            self.body = self.body.kept_on(at_epochs(state, ends, self.epochs, made.inside))
         position, velocity, body = self._rows(state, ends, made.inside, noise, robust=count > 1)
         squared = (
             _squared(position, self.drive.fixes, self.epochs),

@@ -71,6 +71,9 @@ def start_state(smoother: Smoother) -> State:
             raise ValueError("speed and course do not change by more than the noise of GNSS")
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
+    if smoother.model.wheels and len(drive.wheel_t_s) > 1:
+        forward_n = np.einsum("ijn,j->in", rot_ns, rot_vs[0])
+        vel_n, pos_n = dead_reckoned(drive, knots, (vel_n, pos_n), known, forward_n)
     smoother.datum = smoother.datum.moved(rot_vs, rot_ns[..., :1], pos_n[:, 0])
     return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
 
@@ -135,6 +138,29 @@ def knot_velocities(
         along = np.interp(knots, t_s, fixes.vel[0, speed])
         return alignment.pseudo_velocity(increments, along, segments), known
     return np.stack([np.interp(knots, t_s, axis) for axis in vel_n]), _near(knots, t_s)
+
+
+def dead_reckoned(
+    drive: Drive, knots: Floats, motion: tuple[Floats, Floats], known: NDArray[np.bool_], forward_n: Floats
+) -> tuple[Floats, Floats]:
+    """The motion where no fix tells it, by the speed of the wheels along the vehicle: velocity and position (3, N).
+
+    Where fixes come again, the way is bent to meet them; where none do, their last is where it begins. A start that
+    stands still there is hundreds of metres off, and the wheels' speeds would look like outliers.
+
+    motion : velocity m/s and position m at the knots, (3, N) each; known : (N,) velocities; forward_n : (3, N)
+    """
+    vel_n, pos_n = motion
+    speed = np.interp(knots, drive.wheel_t_s, drive.wheel_speed, left=np.nan, right=np.nan)
+    rolls = ~known & np.isfinite(speed)
+    vel_n = np.where(rolls, forward_n * np.nan_to_num(speed), vel_n)
+    way = np.zeros_like(vel_n)
+    way[:, 1:] = np.cumsum(0.5 * (vel_n[:, 1:] + vel_n[:, :-1]) * np.diff(knots), axis=1)
+    placed = _near(knots, drive.fixes.t_s[np.isfinite(drive.fixes.pos_sigma[:2]).all(axis=0)])
+    if not placed.any():
+        return vel_n, knot_positions(drive, knots, vel_n)
+    bent = [axis - np.interp(knots, knots[placed], axis[placed]) for axis in way]
+    return vel_n, np.where(placed, pos_n, pos_n + bent)
 
 
 def _differences(t_s: Floats, pos_n: Floats) -> tuple[Floats, Floats]:

@@ -77,7 +77,7 @@ def speeds(fixes: Fixes) -> Fixes:
 def wheels(drive: Linearised, speed: float = 10.0) -> BodyModel:
     """Every epoch at a sigma of one, whatever the speed of turning."""
     count = len(drive.smoother.epochs.t_s)
-    return BodyModel(1.0, 0.0, 1.0, np.ones(count, bool), np.full(count, speed))
+    return BodyModel(1.0, 0.0, 1.0, np.ones(count, bool), np.zeros(count, bool), np.full(count, speed))
 
 
 def spread_out(drive: Linearised, rows: Measured, hermite: np.ndarray, drift: bool) -> np.ndarray:
@@ -263,6 +263,20 @@ def test_wheels_say_nothing_below_walking_pace_nor_where_they_are_not_used():
     assert not rows.residual[:, ~used].any()
     assert not rows.residual[0].any()
     assert (rows.residual[1:, used] != 0.0).all()
+
+
+def test_what_moved_in_a_state_before_keeps_its_constraint():
+    drive = linearised(LIVELY, 1.0)
+    epochs, here, model = drive.smoother.epochs, drive.here(drive.state), wheels(drive)
+    creeping = replace(here, vel=0.01 * here.vel)
+    dropped, kept = (
+        body_rows(creeping, drive.state, epochs, body, robust=False).residual[1:]
+        for body in (model, model.kept_on(here))
+    )
+    moved = np.linalg.norm(here.vel, axis=0) > 1.0
+    assert not dropped.any()
+    assert (kept[:, moved] != 0.0).all()
+    assert not kept[:, ~moved].any()
 
 
 def test_slip_is_doubted_where_the_car_turns_fast():
