@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         ContractError,
         DataError,
         NotEnoughData,
+        NothingToExport,
         PluginError,
         ReadFailed,
         ReconError,
@@ -90,8 +91,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "api": "Run evaluate open read run",
-    "errors": "ConfigError ContractError DataError NotEnoughData PluginError ReadFailed ReconError StageError "
-    "StorageError",
+    "errors": "ConfigError ContractError DataError NotEnoughData NothingToExport PluginError ReadFailed ReconError "
+    "StageError StorageError",
     "hookspecs": "hookimpl",
     "movement": "Movement Movements",
     "parameters": "Params quantity setting",
@@ -146,6 +147,7 @@ __all__ = [
     "Movements",
     "Need",
     "NotEnoughData",
+    "NothingToExport",
     "Params",
     "Pipeline",
     "PluginError",

@@ -232,14 +232,15 @@ def export(
 def _export_all(finished: Run, steps: Iterable[PlannedStep]) -> list[Path]:
     """The files of all exporters. One that finds nothing to show, as a map without a place, does not stop the others.
 
-    Raises NothingToExport for the first such one when all are done; its hint tells of the others.
+    Raises NothingToExport for the first such one when all are done, whose hint tells of the others; any other error at
+    once.
     """
     files: list[Path] = []
-    empty: list[DataError] = []
+    empty: list[NothingToExport] = []
     for step in steps:
         try:
             files += export_step(finished, step)
-        except DataError as error:
+        except NothingToExport as error:
             empty.append(error)
     if empty:
         hints = (empty[0].hint, *(error.message for error in empty[1:]))

@@ -244,11 +244,11 @@ def _in_order(problems: Iterable[Problem]) -> list[Problem]:
 
 
 def settled(plan: Plan, registry: Registry, streams: Schemas) -> tuple[Plan, list[Problem]]:
-    """The plan of the steps after the source, now that the streams are known."""
+    """The plan of the steps between the source and the exporters, now that the streams are known."""
     rest = [
         Bound(step.step, step.stage, step.params)
         for step in plan.steps
-        if not isinstance(step.stage, Reader | Simulator)
+        if not isinstance(step.stage, Reader | Simulator | Exporter)
     ]
     return flow(plan.pipeline, rest, registry, streams)
 

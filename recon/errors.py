@@ -120,7 +120,10 @@ class NotEnoughData(DataError):
 
 
 class NothingToExport(DataError):
-    """An exporter found nothing to show, as a map without a place. The run and its other exports are complete."""
+    """The drive holds nothing of what an exporter shows, as a map without a place: the run and its other exports stand.
+
+    What the exporter was told to use and cannot find is another error.
+    """
 
 
 class StageError(ReconError):

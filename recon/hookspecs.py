@@ -201,7 +201,8 @@ def declare_analyzers() -> Iterable[Analyzer]:
 
 @hookspec
 def declare_exporters() -> Iterable[Exporter]:
-    """Exporters write files, only inside `folder`, and return their paths.
+    """Exporters write files, only inside `folder`, and return their paths. Where a drive holds nothing of what they
+    show they raise NothingToExport: any other error fails the drive in a fleet.
 
     from recon import TRAJECTORY, Exporter, hookimpl, matrix
     import numpy as np

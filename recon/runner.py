@@ -17,7 +17,15 @@ from typing import Any, TypeAlias
 import pyarrow as pa
 
 from recon.check import settled
-from recon.errors import ConfigError, ContractError, DataError, ReadFailed, ReconError, StageError
+from recon.errors import (
+    ConfigError,
+    ContractError,
+    DataError,
+    NothingToExport,
+    ReadFailed,
+    ReconError,
+    StageError,
+)
 from recon.joining import combine
 from recon.plan import Plan, PlannedStep
 from recon.problems import Problem
@@ -78,9 +86,8 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
         reports.append(_report(first, returned, started))
     plan, problems = settled(plan, registry, recording.schemas())
     _refuse(problems, recording)
-    steps = [step for step in plan.steps if not isinstance(step.stage, Exporter)]
-    total = len(steps) + len(reports)
-    for step in steps:
+    total = len(plan.steps) + len(reports)
+    for step in plan.steps:
         progress(len(reports), total, step.id)
         started = time.perf_counter()
         returned = _checked(step, _call(step, recording))
@@ -155,21 +162,29 @@ def _call(step: PlannedStep, recording: Recording) -> Streams:
 
 
 def _tables(step: PlannedStep, recording: Recording) -> dict[str, pa.Table | None]:
-    """What a step reads, by port. Raises DataError where an earlier step left out what it might have given."""
+    """What a step reads, by port.
+
+    Raises DataError where an earlier step left out what it might have given; for an exporter that is NothingToExport.
+    """
+    error = NothingToExport if isinstance(step.stage, Exporter) else DataError
     tables: dict[str, pa.Table | None] = {}
     for port, need in step.stage.reads.items():
         stream = step.step.inputs.get(port, port)
         tables[port] = table = recording.get(stream)
         if table is None and not need.optional:
-            raise DataError(f"step {step.id}: {step.stage.key} reads '{stream}', which no step above gave")
+            raise error(f"step {step.id}: {step.stage.key} reads '{stream}', which no step above gave")
         faults = match(need, schema_of(table), stream) if table is not None else []
         if faults:
-            raise DataError(f"step {step.id}: {step.stage.key} reads {faults[0].text}")
+            missing = all(fault.missing for fault in faults)
+            raise (error if missing else DataError)(f"step {step.id}: {step.stage.key} reads {faults[0].text}")
     return tables
 
 
 def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: object) -> list[Path]:
-    """Let an exporter write into a folder. Raises ContractError where it names a file outside of it."""
+    """Let an exporter write into a folder.
+
+    Raises NothingToExport where the recording lacks what it reads, ContractError where it names a file outside of it.
+    """
     tables: dict[str, Any] = dict(_tables(step, recording))
     if isinstance(step.stage, Exporter) and step.stage.every_stream:
         tables["streams"] = dict(recording)

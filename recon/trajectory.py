@@ -18,7 +18,7 @@ from recon.numerics.rotation import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
 from recon.problems import shortened
-from recon.tables import Array, has, matrix, meta, seconds, time_ns, vector
+from recon.tables import Array, has, matrix, meta, seconds, select_rows, time_ns, vector
 from recon.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -255,10 +255,15 @@ def _nanoseconds(one: Any, start: int) -> int:
 
 
 def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:
-    """Distance in m, duration in s and top speed in m/s of a trajectory, or as far as GNSS alone tells them."""
-    if trajectory is not None and trajectory.num_rows:
-        found = Trajectory(trajectory)
-        return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
+    """Distance in m, duration in s and top speed in m/s of a trajectory, or as far as GNSS alone tells them.
+
+    Of rows that hold a position and a velocity; what nothing tells is left out.
+    """
+    if trajectory is not None:
+        motion = np.hstack([matrix(trajectory, name, gaps=True) for name in ("pos", "vel")])
+        found = Trajectory(select_rows(trajectory, np.asarray(np.isfinite(motion).all(axis=1))))
+        if len(found):
+            return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
     return {} if gnss is None or not gnss.num_rows else _of_fixes(gnss)
 
 
@@ -273,6 +278,8 @@ def _of_fixes(gnss: pa.Table) -> dict[str, float]:
     else:
         return found
     known = np.isfinite(speed)
+    if not known.any():
+        return found
     found["top_speed"] = float(speed[known].max())
     steps, mean = np.diff(t_s[known]), (speed[known][1:] + speed[known][:-1]) / 2.0
     near = steps <= _LONGEST_STEP_S

@@ -30,7 +30,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.errors import DataError
+from recon.errors import DataError, NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.integration import cumulative
 from recon.numerics.rotation import conjugate, rotate, sign_continuous, to_euler
@@ -126,7 +126,8 @@ def plan(
 ) -> tuple[Json, dict[str, NDArray[Any]]]:
     """The scene: what `scene.json` and `scene.npz` hold.
 
-    Raises DataError where no row of the trajectory that the film shows has a place, an attitude and a velocity.
+    Raises NothingToExport where the film would show no row of the trajectory, DataError where it would show none of
+    the ghost.
     """
     motion = motion_of(trajectory)
     film = film_of(motion.t_ns, spans(events, "crash"), params)
@@ -173,11 +174,11 @@ def plan(
 
 
 def motion_of(trajectory: pa.Table) -> Motion:
-    """The rows that can be shown. Raises DataError where there is none."""
+    """The rows that can be shown. Raises NothingToExport where there is none."""
     position, q, velocity = (matrix(trajectory, name, gaps=True) for name in ("pos", "q", "vel"))
     known = np.flatnonzero(np.isfinite(np.hstack((position, q, velocity))).all(axis=1))
     if not len(known):
-        raise DataError("no row of trajectory has a position, an attitude and a velocity")
+        raise NothingToExport("no row of trajectory has a position, an attitude and a velocity")
     there = "pos_std_e" in trajectory.column_names
     std = matrix(trajectory, "pos_std", gaps=True)[known] if there else np.full((len(known), 3), np.nan)
     return Motion(time_ns(trajectory)[known], position[known], q[known], velocity[known], std)
@@ -187,7 +188,7 @@ def film_of(t_ns: Times, crashes: list[tuple[int, int]], params: SceneParams) ->
     """How the times of a trajectory become frames.
 
     t_ns : (n,) rising; crashes : first and last ns of each
-    Raises DataError where the window holds no row.
+    Raises NothingToExport where the window holds no row.
     """
     start = int(t_ns[0])
     first = params.start
@@ -195,7 +196,7 @@ def film_of(t_ns: Times, crashes: list[tuple[int, int]], params: SceneParams) ->
     last = last if params.end is None else min(last, params.end)
     rows = (t_ns - start >= first * _NS) & (t_ns - start <= last * _NS)
     if not rows.any():
-        raise DataError(
+        raise NothingToExport(
             f"no row of trajectory lies from {first:g} s to {last:g} s after its start",
             f"it lasts {float(t_ns[-1] - start) / _NS:.3f} s",
         )

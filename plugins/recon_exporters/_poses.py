@@ -25,7 +25,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.numerics.rotation import conjugate, from_matrix, multiply
 from recon.parameters import Params, quantity, setting
 from recon.schema import TRAJECTORY
@@ -77,11 +77,11 @@ class Poses:
 
 
 def poses_of(trajectory: pa.Table, params: PoseParams) -> Poses:
-    """The poses in the axes chosen. Raises DataError where no row has a position and an attitude."""
+    """The poses in the axes chosen. Raises NothingToExport where no row has a position and an attitude."""
     position_n, q_nv = matrix(trajectory, "pos", gaps=True), matrix(trajectory, "q", gaps=True)
     known = np.flatnonzero(np.isfinite(position_n).all(axis=1) & np.isfinite(q_nv).all(axis=1))
     if not len(known):
-        raise DataError("no row of trajectory has both a position and an attitude")
+        raise NothingToExport("no row of trajectory has both a position and an attitude")
     t_ns = time_ns(trajectory)[known]
     kept = due(t_ns, params.rate)
     rows = known[kept]

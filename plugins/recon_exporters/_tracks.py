@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.numerics.signals import interpolate, interpolate_angle
@@ -124,12 +124,12 @@ def chart_of(
 ) -> Chart:
     """The tracks that there are, and the events along the first of them.
 
-    Raises DataError where no row of any track has a latitude and longitude.
+    Raises NothingToExport where no row of any track has a latitude and longitude.
     """
     tables = {"trajectory": trajectory, "gnss": gnss if params.gnss else None}
     tracks = [track for name, table in tables.items() if (track := track_of(name, table, params)) is not None]
     if not tracks:
-        raise DataError(
+        raise NothingToExport(
             f"no row of {' or '.join(tables) if params.gnss else 'trajectory'} has a latitude and longitude, "
             "which a map needs",
             "report, rerun, plots, tum and kitti take the local frame, which needs none",

@@ -30,7 +30,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import DataError, PluginError
+from recon.errors import DataError, NothingToExport, PluginError
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import quantity, setting
@@ -105,8 +105,9 @@ def blender(
 ) -> list[Path]:
     """Write the scene into the folder; the paths of its files.
 
-    Raises DataError where the film would show no row with a place, an attitude and a velocity, or the ghost is not
-    there; PluginError where the Blender that is named is not there, or fails.
+    Raises NothingToExport where the film would show no row with a place, an attitude and a velocity, or the solver no
+    crash; DataError where the ghost or the video is not there; PluginError where the Blender that is named is not
+    there, or fails.
     """
     program = find_blender(params.blender)
     scene, arrays = plan(trajectory, gnss, events, _ghost(params.ghost, streams), about, params)
@@ -215,12 +216,12 @@ def _video(params: BlenderParams) -> Json | None:
 def _handover(film: Film, ends: list[int], params: BlenderParams) -> Json | None:
     """When the solver takes over, and with what; `pace` is how fast its time runs, as (frame, share) pairs.
 
-    Raises DataError where it should and no crash is in the film.
+    Raises NothingToExport where it should and no crash is in the film.
     """
     if not params.solver:
         return None
     if not ends:
-        raise DataError("solver: no event of kind 'crash' begins in the film", "detector.shock finds them")
+        raise NothingToExport("solver: no event of kind 'crash' begins in the film", "detector.shock finds them")
     share = params.fps * np.diff(film.seconds) / np.diff(film.frames)
     pace = np.column_stack((np.column_stack((film.frames[:-1], film.frames[1:] - STEP)).ravel(), np.repeat(share, 2)))
     return {

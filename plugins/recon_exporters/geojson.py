@@ -60,7 +60,7 @@ def geojson(
     about: RunInfo,
     params: MapParams,
 ) -> list[Path]:
-    """Write `folder/track.geojson`; its path. Raises DataError where no row has a latitude and longitude."""
+    """Write `folder/track.geojson`; its path. Raises NothingToExport where no row has a latitude and longitude."""
     chart = chart_of(trajectory, gnss, events, about, params)
     deep = _heights_allowed(chart)
     features = [feature for track in chart.tracks for feature in _features(track, deep=deep)]

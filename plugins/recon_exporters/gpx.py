@@ -57,7 +57,7 @@ def gpx(
     about: RunInfo,
     params: MapParams,
 ) -> list[Path]:
-    """Write `folder/track.gpx`; its path. Raises DataError where no row has a latitude and longitude."""
+    """Write `folder/track.gpx`; its path. Raises NothingToExport where no row has a latitude and longitude."""
     chart = chart_of(trajectory, gnss, events, about, params)
     path = folder / "track.gpx"
     with path.open("w", encoding="utf-8", newline="\n") as file:

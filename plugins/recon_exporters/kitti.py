@@ -32,7 +32,7 @@ from recon_exporters._tracks import fixed_point
 def kitti(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: PoseParams) -> list[Path]:
     """Write `folder/poses.txt` and `folder/times.txt`; their paths.
 
-    Raises DataError where no row has a position and an attitude.
+    Raises NothingToExport where no row has a position and an attitude.
     """
     poses = poses_of(trajectory, params)
     upper = np.concatenate((to_matrix(poses.q), poses.position[:, :, None]), axis=2)

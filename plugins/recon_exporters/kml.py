@@ -55,7 +55,7 @@ def kml(
     about: RunInfo,
     params: MapParams,
 ) -> list[Path]:
-    """Write `folder/track.kml`; its path. Raises DataError where no row has a latitude and longitude."""
+    """Write `folder/track.kml`; its path. Raises NothingToExport where no row has a latitude and longitude."""
     chart = chart_of(trajectory, gnss, events, about, params)
     path = folder / "track.kml"
     with path.open("w", encoding="utf-8", newline="\n") as file:

@@ -51,7 +51,7 @@ def street_map(
     about: RunInfo,
     params: StreetMapParams,
 ) -> list[Path]:
-    """Write `folder/map.html`; its path. Raises DataError where no row has a latitude and longitude."""
+    """Write `folder/map.html`; its path. Raises NothingToExport where no row has a latitude and longitude."""
     chart = chart_of(trajectory, gnss, events, about, params)
     data = {
         "name": chart.name,

@@ -24,7 +24,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
@@ -67,7 +67,7 @@ class PlotsParams(Params):
 def plots(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: PlotsParams) -> list[Path]:
     """Write `folder/<figure>.<format>`; the paths.
 
-    Raises DataError where there is nothing to draw, PluginError where Matplotlib is not installed.
+    Raises NothingToExport where there is nothing to draw, PluginError where Matplotlib is not installed.
     """
     with needs("exporter.plots", "matplotlib", extra="report"):
         from matplotlib import rc_context
@@ -75,7 +75,7 @@ def plots(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, para
     groups = {panel.group: [p for p in panels if p.group == panel.group] for panel in panels}
     tracks, placed = paths_of(streams)
     if not groups and not tracks:
-        raise DataError("no stream has a position, speed or attitude: there is nothing to draw")
+        raise NothingToExport("no stream has a position, speed or attitude: there is nothing to draw")
     start = (Recording(streams).span_ns() or (0, 0))[0]
     paths = []
     with rc_context(_RC):

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
@@ -49,11 +49,11 @@ class RerunParams(Params):
 def rerun(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: RerunParams) -> list[Path]:
     """Write `folder/run.rrd`; its path.
 
-    Raises DataError where no stream has a row, PluginError where rerun-sdk is not installed.
+    Raises NothingToExport where no stream has a row, PluginError where rerun-sdk is not installed.
     """
     thinned = {name: _thinned(name, table, params.rate) for name, table in streams.items()}
     if not any(table.num_rows for name, table in thinned.items() if name not in APPENDED):
-        raise DataError("no stream has a row: there is nothing to draw")
+        raise NothingToExport("no stream has a row: there is nothing to draw")
     with needs("exporter.rerun", "rerun-sdk", extra="rerun"):
         from recon_exporters._rerun_file import write
     path = folder / "run.rrd"

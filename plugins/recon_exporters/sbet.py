@@ -30,7 +30,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.numerics.gnss_time import GPS_EPOCH_NS, WEEK_NS, utc_to_gps
@@ -47,12 +47,12 @@ _DATUMS: Final = {"ellipsoid": "the WGS84 ellipsoid", "mean_sea_level": "mean se
 def sbet(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
     """Write `folder/sbet_trajectory.out` and the text beside it; their paths.
 
-    Raises DataError where no row has latitude, longitude, height and attitude.
+    Raises NothingToExport where no row has latitude, longitude, height and attitude.
     """
     known = np.isfinite(np.column_stack([matrix(trajectory, g, gaps=True) for g in ("lat", "lon", "height", "q")]))
     rows = select_rows(trajectory, np.asarray(known.all(axis=1)))
     if not rows.num_rows:
-        raise DataError(
+        raise NothingToExport(
             "no row of trajectory has latitude, longitude, height and attitude, which SBET needs",
             "tum and kitti write the local frame, which needs no place on the Earth",
         )

@@ -27,7 +27,7 @@ from recon_exporters._tracks import fixed_point, rows_kept
 
 
 def tum(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: PoseParams) -> list[Path]:
-    """Write `folder/trajectory.tum`; its path. Raises DataError where no row has a position and an attitude."""
+    """Write `folder/trajectory.tum`; its path. Raises NothingToExport where no row has a position and an attitude."""
     poses = poses_of(trajectory, params)
     name = " ".join(about.name.split())
     path = folder / "trajectory.tum"

@@ -193,6 +193,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **{name: summary.get(name) for name in _FIGURES},
         "status": OK,
+        "reason": job.get("exports_left_out"),
         "input": job.get("input"),
         "input_bytes": job.get("bytes"),
         "modified": job.get("modified_ns"),

@@ -157,6 +157,18 @@ def test_a_drive_in_which_an_export_finds_nothing_to_show_is_done_without_it(sma
         assert [path.name for path in (folder / "exports").iterdir()] == ["csv"]
         told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["environment"]["job"]
         assert "exporter.map: no row of trajectory or gnss has a latitude" in told["exports_left_out"]
+    found = rows(small.parent / "results")
+    assert {(row["status"], row["reason"].partition(":")[0]) for row in found} == {("ok", "step exporter.map")}
+
+
+def test_an_export_that_was_told_to_use_what_is_not_there_fails_the_drive(small: Path) -> None:
+    with small.open("a", encoding="utf-8") as file:
+        file.write("exports: [map, csv]\ndefaults: {exporter.csv: {streams: [imu_3]}}\n")
+    assert main(["batch", str(small)]) == 6
+    root = small.parent / "results"
+    found = {(row["code"], row["reason"], row["hint"]) for row in rows(root)}
+    assert found == {("bad_data", "step exporter.csv: there is no stream 'imu_3'", "did you mean 'imu'?")}
+    assert not results(root)
 
 
 # --- failures -------------------------------------------------------------------------------------------------------

@@ -403,6 +403,10 @@ def test_an_export_that_finds_nothing_to_show_does_not_stop_the_others(cli: Cli,
     assert "  step exporter.kml: no row of trajectory or gnss has a latitude and longitude, which a map needs" in lines
     assert "  the run is complete: drive-box" in lines
     assert entries(tmp_path / "drive-box" / "exports") == {"count"}
+    without = cli("run", "box.yaml", "drive.txt", "--export", "tum", "--export", "count", "--out", "without")
+    assert without.code == 4
+    assert "error: step exporter.tum: exporter.tum reads 'trajectory', which no step above gave" in without.err
+    assert entries(tmp_path / "without" / "exports") == {"count"}
     again = cli("export", "drive-box", "map", "name")
     assert again.code == 4
     assert entries(tmp_path / "drive-box" / "exports") == {"count", "name"}

@@ -16,7 +16,7 @@ from recon.movement import Movement, Movements
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodesic, geodetic_to_enu
 from recon.numerics.rotation import Floats, from_euler, to_euler
 from recon.schema import FRAMES, GNSS, KNOTS, TRAJECTORY
-from recon.tables import build, replace, with_meta
+from recon.tables import build, matrix, replace, with_meta
 from recon.trajectory import HINT, Pose, Trajectory, summarize
 
 EPS = np.finfo(float).eps
@@ -325,3 +325,9 @@ def test_a_summary_comes_from_the_trajectory_else_from_gnss() -> None:
     outage = build(GNSS, time=START_NS + np.array([0, 1, 60]) * 1_000_000_000, speed=np.ones(3))
     assert "distance" not in summarize(None, outage)
     assert summarize(line().slice(0, 0), None) == summarize(None, None) == {}
+    gap = line()
+    pos = matrix(gap, "pos")
+    pos[3:6] = np.nan
+    assert summarize(replace(gap, pos=pos), None) == pytest.approx(found, rel=10.0 * EPS)
+    silent = build(GNSS, time=START_NS + np.arange(3), speed=np.full(3, np.nan))
+    assert summarize(replace(gap, pos=np.full_like(pos, np.nan)), silent) == {"duration": pytest.approx(2e-9)}

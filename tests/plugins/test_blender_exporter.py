@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exporter_tables import SECOND, START_NS, drive, fixes, happened
 
-from recon.errors import DataError, PluginError
+from recon.errors import DataError, NothingToExport, PluginError
 from recon.manifest import RunInfo
 from recon.numerics.geodesy import Anchor, enu_to_geodetic
 from recon.numerics.rotation import from_euler, rotate
@@ -80,7 +80,7 @@ def test_rows_without_a_place_an_attitude_or_a_velocity_are_left_out(tmp_path):
 
 
 def test_a_drive_without_any_place_is_refused(tmp_path):
-    with pytest.raises(DataError, match="a position, an attitude and a velocity"):
+    with pytest.raises(NothingToExport, match="a position, an attitude and a velocity"):
         export(tmp_path, straight(np.arange(3.0), pos=np.full((3, 3), np.nan)))
 
 
@@ -92,7 +92,7 @@ def test_the_film_shows_the_window_and_begins_with_frame_one(tmp_path):
 
 
 def test_a_window_beside_the_drive_is_refused(tmp_path):
-    with pytest.raises(DataError, match="from 20 s to"):
+    with pytest.raises(NothingToExport, match="from 20 s to"):
         export(tmp_path, straight(np.arange(0.0, 10.0, 0.1)), start=20.0)
 
 
@@ -323,7 +323,7 @@ def test_the_solver_takes_over_after_the_first_crash_and_keeps_the_pace_of_the_f
 
 
 def test_the_solver_without_a_crash_is_refused(tmp_path):
-    with pytest.raises(DataError, match="no event of kind 'crash'"):
+    with pytest.raises(NothingToExport, match="no event of kind 'crash'"):
         export(tmp_path, straight(np.arange(3.0)), events=happened((1.0, 2.0)), solver=True)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from exporter_tables import START_NS, drive, fixes, happened
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.tables import time_ns, vector, with_meta
 from recon_exporters import geojson as module
@@ -293,12 +293,12 @@ def test_times_on_another_scale_or_of_a_clock_never_set_are_told(tmp_path):
 
 def test_a_log_without_latitude_and_longitude_is_refused_in_one_sentence(tmp_path):
     local = drive(TENTHS, lat=None, lon=None, height=None)
-    with pytest.raises(DataError, match="no row of trajectory or gnss has a latitude and longitude") as caught:
+    with pytest.raises(NothingToExport, match="no row of trajectory or gnss has a latitude and longitude") as caught:
         export(tmp_path, trajectory=local, gnss=fixes([0, 1], lat=np.full(2, np.nan)))
     assert "tum" in caught.value.hint
-    with pytest.raises(DataError, match="no row of trajectory has"):
+    with pytest.raises(NothingToExport, match="no row of trajectory has"):
         export(tmp_path, trajectory=local, gnss=fixes([0, 1]), with_gnss=False)
-    with pytest.raises(DataError):
+    with pytest.raises(NothingToExport):
         export(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

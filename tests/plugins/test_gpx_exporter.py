@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from exporter_tables import drive, fixes, happened
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.tables import vector
 from recon_exporters import gpx as module
@@ -209,6 +209,6 @@ def test_raw_gnss_is_a_second_track_unless_it_is_not_wanted(tmp_path):
 
 
 def test_a_log_without_latitude_and_longitude_is_refused(tmp_path):
-    with pytest.raises(DataError, match="no row of trajectory or gnss has a latitude and longitude"):
+    with pytest.raises(NothingToExport, match="no row of trajectory or gnss has a latitude and longitude"):
         export(tmp_path, trajectory=drive(TENTHS, lat=None, lon=None))
     assert list(tmp_path.iterdir()) == []

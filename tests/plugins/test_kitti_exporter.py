@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from exporter_tables import drive
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon.tables import matrix
@@ -102,6 +102,6 @@ def test_a_rate_thins_poses_and_times_alike(tmp_path):
 
 
 def test_a_trajectory_without_poses_is_refused(tmp_path):
-    with pytest.raises(DataError, match="both a position and an attitude"):
+    with pytest.raises(NothingToExport, match="both a position and an attitude"):
         export(tmp_path, drive([0, 1], pos=np.full((2, 3), np.nan)))
     assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from exporter_tables import drive, fixes, happened
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.tables import vector, with_meta
 from recon_exporters import kml as module
@@ -169,6 +169,6 @@ def test_the_description_tells_of_thinning_and_datum(tmp_path):
 
 def test_a_log_without_latitude_and_longitude_is_refused(tmp_path):
     local = with_meta(drive(TENTHS, lat=None, lon=None), height_datum=None)
-    with pytest.raises(DataError, match="no row of trajectory or gnss has a latitude and longitude"):
+    with pytest.raises(NothingToExport, match="no row of trajectory or gnss has a latitude and longitude"):
         export(tmp_path, trajectory=local)
     assert list(tmp_path.iterdir()) == []

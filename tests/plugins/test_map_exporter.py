@@ -12,7 +12,7 @@ import pytest
 from browser import opened, pixels, seen
 from exporter_tables import drive, fixes, happened
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.tables import vector
 from recon_exporters.map import StreetMapParams, declare_exporters, street_map
@@ -55,7 +55,7 @@ def test_a_drive_over_the_antimeridian_goes_on(tmp_path):
 
 
 def test_a_log_without_a_place_is_told_so(tmp_path):
-    with pytest.raises(DataError, match="which a map needs"):
+    with pytest.raises(NothingToExport, match="which a map needs"):
         export(tmp_path, trajectory=drive(TENTHS, lat=None, lon=None))
 
 

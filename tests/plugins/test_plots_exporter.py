@@ -14,7 +14,7 @@ import pytest
 from browser import pixels
 from exporter_tables import drive, fixes, happened
 
-from recon.errors import DataError, PluginError
+from recon.errors import NothingToExport, PluginError
 from recon.manifest import RunInfo
 from recon_exporters.plots import PlotsParams, declare_exporters, plots
 
@@ -73,7 +73,7 @@ def test_equal_runs_give_equal_bytes(tmp_path):
 
 
 def test_nothing_to_draw_is_said(tmp_path):
-    with pytest.raises(DataError, match="nothing to draw"):
+    with pytest.raises(NothingToExport, match="nothing to draw"):
         export(tmp_path, {})
 
 

@@ -26,7 +26,7 @@ import recon
 from recon.api import export as export_run
 from recon.cli.view import _viewer
 from recon.comparison import overlay
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.rotation import from_euler
@@ -264,7 +264,7 @@ def test_pictures_beside_the_log_are_taken_and_no_others(tmp_path):
 
 
 def test_streams_without_a_row_are_refused(tmp_path):
-    with pytest.raises(DataError, match="nothing to draw"):
+    with pytest.raises(NothingToExport, match="nothing to draw"):
         export(tmp_path, trajectory=build(TRAJECTORY, time=np.zeros(0, dtype=np.int64)))
     assert list(tmp_path.iterdir()) == []
 

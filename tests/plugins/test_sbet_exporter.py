@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 from exporter_tables import START_NS, drive
 
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon.parameters import NoParams
@@ -125,6 +125,6 @@ def test_the_text_names_the_datum_and_a_clock_that_was_not_set(tmp_path):
 
 
 def test_a_trajectory_without_places_is_refused(tmp_path):
-    with pytest.raises(DataError, match="latitude, longitude, height and attitude, which SBET needs"):
+    with pytest.raises(NothingToExport, match="latitude, longitude, height and attitude, which SBET needs"):
         export(tmp_path, drive([0, 1], lat=np.full(2, np.nan)))
     assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,7 @@ from exporter_tables import START_NS, drive
 
 import recon
 from recon.api import export as export_run
-from recon.errors import DataError
+from recon.errors import NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon.tables import matrix
@@ -127,7 +127,7 @@ def test_the_head_says_what_the_file_holds_and_stays_one_comment(tmp_path):
 
 
 def test_a_trajectory_without_poses_is_refused(tmp_path):
-    with pytest.raises(DataError, match="both a position and an attitude"):
+    with pytest.raises(NothingToExport, match="both a position and an attitude"):
         export(tmp_path, drive([0, 1], q=np.full((2, 4), np.nan)))
     assert list(tmp_path.iterdir()) == []
 
@@ -139,6 +139,6 @@ def test_a_log_without_gnss_has_poses_and_no_map(tmp_path, logs):
     read = np.loadtxt(path)
     assert np.array_equal(read[:, 1:4], matrix(run.trajectory.table, "pos"))
     for name in ("geojson", "kml", "gpx"):
-        with pytest.raises(DataError, match="latitude and longitude, which a map needs"):
+        with pytest.raises(NothingToExport, match="latitude and longitude, which a map needs"):
             export_run(run, [name])
         assert not (run.folder / "exports" / name).exists()

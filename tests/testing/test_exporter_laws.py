@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from broken_laws import broken_laws
 
-from recon import GNSS, Exporter, Params, seconds, time_ns, vector
+from recon import GNSS, DataError, Exporter, NothingToExport, Params, seconds, time_ns, vector
 from recon.testing import Case
 
 
@@ -64,6 +64,18 @@ def from_the_first_row(*, streams: Mapping[str, pa.Table], folder: Path, about: 
     return [written(streams["gnss"], folder)]
 
 
+def finds_nothing(*, gnss: pa.Table, folder: Path, about: object, params: Params) -> list[Path]:
+    if not np.isfinite(vector(gnss, "speed", gaps=True)).any():
+        raise NothingToExport("no row of gnss has a speed")
+    return [written(gnss, folder)]
+
+
+def fails_without_a_speed(*, gnss: pa.Table, folder: Path, about: object, params: Params) -> list[Path]:
+    if not np.isfinite(vector(gnss, "speed", gaps=True)).any():
+        raise DataError("no row of gnss has a speed")
+    return [written(gnss, folder)]
+
+
 def exporter(run=right, **declared) -> Exporter:
     reads = {"gnss": GNSS.need("speed")}
     return Exporter(**{"name": "toy", "summary": "Times and speeds.", "run": run, "reads": reads, **declared})
@@ -73,12 +85,21 @@ def test_a_right_exporter_breaks_no_law():
     assert broken_laws(exporter(), Case(read_back=read_back)) == {}
 
 
+def test_an_exporter_that_says_that_it_finds_nothing_to_show_breaks_no_law():
+    assert broken_laws(exporter(finds_nothing), Case(read_back=read_back)) == {}
+
+
 @pytest.mark.parametrize(
     ("run", "law", "words"),
     [
         (beside, "it_writes_only_inside_its_folder", "it touched log.txt, which is outside of its folder"),
         (keeps_quiet, "it_returns_what_it_wrote", "it wrote index.txt and did not return its path"),
         (twice, "it_returns_what_it_wrote", "it returns a file twice"),
+        (
+            fails_without_a_speed,
+            "a_drive_with_nothing_to_show_is_told_from_an_error",
+            "'gnss' without a row raised DataError: step exporter.toy: no row of gnss has a speed",
+        ),
         (in_kmh, "files_read_back_to_the_same_numbers", "gnss.speed reads back with another value in row"),
     ],
 )
