@@ -1,7 +1,5 @@
 """A drive as a film: what moves, at which frame, as data that Blender's builder script turns into a scene.
 
-    frame(t) = 1 + fps * integral of dt / slowness(t)        slowness: `slow_motion` around a crash, 1 elsewhere
-
 `scene.json` holds names, counts and places, `scene.npz` the arrays below. Axes are those of the local frame, x east,
 y north, z up, in m about `origin`, which is the first key: single precision, all that Blender knows, is fine there.
 
@@ -35,15 +33,13 @@ from recon.manifest import RunInfo
 from recon.numerics.integration import cumulative
 from recon.numerics.rotation import conjugate, rotate, sign_continuous, to_euler
 from recon.numerics.signals import differentiate, median_rate, moving_average
-from recon.parameters import Params, quantity, setting
 from recon.placing import about_anchor, anchor_of
 from recon.rows import spans
 from recon.tables import Array, matrix, meta, time_ns
+from recon_exporters._blender_events import Json, captions, force, happenings, markers
+from recon_exporters._blender_film import Film, SceneParams, Times, film_of, keyed_rows
 from recon_exporters._blender_shapes import fixes_of, ground_of, path_of
 from recon_exporters._tracks import iso_8601
-
-Json = dict[str, Any]
-Times = NDArray[np.int64]
 
 VERSION: Final = 1
 WHEELBASE: Final = 2.65
@@ -60,46 +56,6 @@ FOLLOWING: Final = 1.5
 BEHIND: Final = (-8.5, 2.0, 3.2)
 """m forward, to the left and up from the vehicle to the camera that follows it."""
 _NS: Final = 1e9
-
-
-class SceneParams(Params):
-    """What is filmed, and how fast."""
-
-    fps: int = setting(25, ge=1, le=1000, doc="Frames in a second of the film.")
-    start: float = quantity(0.0, "s", ge=0, doc="Where the film begins, after the start of the trajectory.")
-    end: float | None = quantity(
-        None, "s", gt=0, doc="Where it ends, after the start of the trajectory; none: its end."
-    )
-    slow_motion: float = setting(10.0, ge=1, le=1000, doc="How many times slower the film runs around a crash.")
-    slow_span: float = quantity(1.0, "s", ge=0, le=3600, doc="How long before and after a crash it runs slowly.")
-    vertical: bool = setting(True, doc="Does the vehicle rise and sink? Otherwise everything lies in one plane.")
-    max_gap: float = quantity(2.0, "s", gt=0, doc="GNSS that is silent for longer is an outage: the path is dashed.")
-    tube: float = setting(0.0, ge=0, le=100, doc="Standard deviations that a tube around the path shows; 0 for none.")
-    ghost: str = setting(
-        "", doc="A second vehicle, translucent: a stream like 'reference', or the folder of another run."
-    )
-
-
-@dataclass(frozen=True)
-class Film:
-    """How time becomes frames: piecewise linear through (seconds, frames); start_ns is second 0."""
-
-    start_ns: int
-    seconds: Array
-    frames: Array
-
-    def elapsed(self, t_ns: Times) -> Array:
-        """(n,) s after the start of the trajectory."""
-        return np.asarray((t_ns - self.start_ns) / _NS)
-
-    def frame_of(self, t_ns: Times) -> Array:
-        """(n,) frames, counted from 1, the fraction kept; times outside of the film are taken to its ends."""
-        return np.asarray(np.interp(self.elapsed(t_ns), self.seconds, self.frames))
-
-    def shows(self, t_ns: Times) -> NDArray[np.bool_]:
-        """(n,) does the film show these times?"""
-        elapsed = self.elapsed(t_ns)
-        return np.asarray((elapsed >= self.seconds[0]) & (elapsed <= self.seconds[-1]))
 
 
 @dataclass(frozen=True)
@@ -121,6 +77,7 @@ def plan(
     gnss: pa.Table | None,
     events: pa.Table | None,
     ghost: pa.Table | None,
+    streams: Mapping[str, pa.Table],
     about: RunInfo,
     params: SceneParams,
 ) -> tuple[Json, dict[str, NDArray[Any]]]:
@@ -155,6 +112,7 @@ def plan(
     datum = str(meta(trajectory).get("height_datum", ""))
     keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor, datum)
     keys |= _second(ghost, film, origin, flat, trajectory)
+    found = happenings(events, outages if gnss is not None else [], film)
     scene = {
         "recon_scene": VERSION,
         "name": about.name,
@@ -167,7 +125,9 @@ def plan(
         "anchor": None if anchor is None else {"lat": anchor.lat, "lon": anchor.lon, "height": anchor.height},
         "wheelbase": WHEELBASE,
         "wheel_radius": WHEEL_RADIUS,
-        "markers": _markers(events, outages if gnss is not None else [], film),
+        "markers": markers(found, film),
+        "captions": captions(found, film, params.fps),
+        "force": force(found, film, params.fps, streams),
         "warnings": list(about.warnings),
     }
     return scene, keys
@@ -182,40 +142,6 @@ def motion_of(trajectory: pa.Table) -> Motion:
     there = "pos_std_e" in trajectory.column_names
     std = matrix(trajectory, "pos_std", gaps=True)[known] if there else np.full((len(known), 3), np.nan)
     return Motion(time_ns(trajectory)[known], position[known], q[known], velocity[known], std)
-
-
-def film_of(t_ns: Times, crashes: list[tuple[int, int]], params: SceneParams) -> Film:
-    """How the times of a trajectory become frames.
-
-    t_ns : (n,) rising; crashes : first and last ns of each
-    Raises NothingToExport where the window holds no row.
-    """
-    start = int(t_ns[0])
-    first = params.start
-    last = float(t_ns[-1] - start) / _NS
-    last = last if params.end is None else min(last, params.end)
-    rows = (t_ns - start >= first * _NS) & (t_ns - start <= last * _NS)
-    if not rows.any():
-        raise NothingToExport(
-            f"no row of trajectory lies from {first:g} s to {last:g} s after its start",
-            f"it lasts {float(t_ns[-1] - start) / _NS:.3f} s",
-        )
-    slow = np.array([((a - start) / _NS - params.slow_span, (b - start) / _NS + params.slow_span) for a, b in crashes])
-    slow = slow.reshape(-1, 2)
-    cuts = np.unique(np.clip(np.concatenate(([first, last], slow.ravel())), first, last))
-    middle = 0.5 * (cuts[1:] + cuts[:-1])
-    slowly = ((middle[:, None] > slow[:, 0]) & (middle[:, None] < slow[:, 1])).any(axis=1)
-    lasts = np.diff(cuts) * np.where(slowly, params.slow_motion, 1.0) * params.fps
-    return Film(start, cuts, 1.0 + np.concatenate(([0.0], np.cumsum(lasts))))
-
-
-def keyed_rows(film: Film, t_ns: Times) -> NDArray[np.intp]:
-    """Rows that become keys: of those that the film shows the first of each frame, and the last of all."""
-    shown = np.flatnonzero(film.shows(t_ns))
-    frame = np.floor(film.frame_of(t_ns[shown]) + 1e-6)  # a row on a frame belongs to it, whatever was rounded
-    kept = np.concatenate(([True], np.diff(frame) > 0))
-    kept[-1] = True
-    return np.asarray(shown[kept])
 
 
 def wheels(motion: Motion) -> dict[str, Array]:
@@ -284,23 +210,3 @@ def _second(
         "ghost_position": (position[rows] - origin) * flat,
         "ghost_q": sign_continuous(q[rows]),
     }
-
-
-def _markers(events: pa.Table | None, outages: list[tuple[int, int]], film: Film) -> list[Json]:
-    """Events and outages that the film shows, by the frame nearest to their beginning, or its first frame."""
-    found = [(begin, end, "outage", (end - begin) / _NS, "s") for begin, end in outages]
-    if events is not None:
-        told = events.select(["kind", "value", "unit"]).to_pylist()
-        ends = events["end_time"].cast(pa.int64()).to_pylist()
-        found += [
-            (begin, end, row["kind"] or "event", row["value"], row["unit"] or "")
-            for begin, end, row in zip(time_ns(events).tolist(), ends, told, strict=True)
-        ]
-    first, last = (film.start_ns + round(float(film.seconds[end]) * _NS) for end in (0, -1))
-    marks = []
-    for begin, end, kind, value, unit in sorted(found, key=lambda mark: mark[0]):
-        if begin <= last and (begin >= first or end > first):
-            name = kind if value is None else f"{kind} {value:.1f} {unit}".rstrip()
-            frame = round(float(film.frame_of(np.array([begin]))[0]))
-            marks.append({"frame": frame, "kind": kind, "name": name})
-    return marks

@@ -38,7 +38,9 @@ from recon.rows import spans
 from recon.schema import EVENTS, GNSS, TRAJECTORY
 from recon.stages import Exporter
 from recon.storage import read_recording
-from recon_exporters._blender_plan import Film, Json, SceneParams, film_of, motion_of, plan
+from recon_exporters._blender_events import Json
+from recon_exporters._blender_film import Film, SceneParams, film_of
+from recon_exporters._blender_plan import motion_of, plan
 
 ENTRY: Final = '''"""Makes scene.blend from scene.json and scene.npz beside this file:
 
@@ -110,7 +112,7 @@ def blender(
     there, or fails.
     """
     program = find_blender(params.blender)
-    scene, arrays = plan(trajectory, gnss, events, _ghost(params.ghost, streams), about, params)
+    scene, arrays = plan(trajectory, gnss, events, _ghost(params.ghost, streams), streams, about, params)
     scene["look"] = _look(trajectory, events, params)
     (folder / "scene.json").write_text(json.dumps(scene, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     np.savez_compressed(folder / "scene.npz", **arrays)  # type: ignore[arg-type]

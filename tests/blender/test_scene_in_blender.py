@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from blender_scenes import SINGLE, Seen, assert_curves_hold, blender_on_the_path, bpy_python, look, run_inside
 from exporter_tables import drive, fixes, happened
 
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler, to_matrix
+from recon.rows import Metric, metrics
 from recon.tables import matrix, replace, with_meta
 from recon_exporters.blender import BlenderParams, blender, find_blender
 
@@ -39,8 +41,16 @@ def seen(program, tmp_path_factory) -> Seen:
     paths = blender(
         trajectory=trajectory,
         gnss=fixes(np.arange(0.0, 4.0, 1.0), lat=np.full(4, 44.4982), lon=11.3038 + 2e-5 * np.arange(4.0)),
-        events=happened((8.0, 8.1), kind="crash", value=50.0, unit="m/s^2"),
-        streams={"reference": replace(trajectory, pos=matrix(trajectory, "pos") + np.array([0.0, 0.0, 30.0]))},
+        events=pa.concat_tables(
+            [
+                happened((8.0, 8.1), kind="crash", value=50.0, unit="m/s^2"),
+                happened((8.0, 8.1), kind="impact", value=30.0, unit="km/h"),
+            ]
+        ),
+        streams={
+            "reference": replace(trajectory, pos=matrix(trajectory, "pos") + np.array([0.0, 0.0, 30.0])),
+            "metrics": metrics([Metric("pdof", 60.0, "deg")]),
+        },
         folder=folder,
         about=RunInfo("a drive"),
         params=BlenderParams(blender=program, ghost="reference", tube=2.0, slow_motion=1.0),
@@ -77,7 +87,7 @@ def test_the_vehicle_stands_where_the_trajectory_says_with_its_nose_and_roof_the
 
 def test_the_file_tells_its_length_its_events_and_where_on_the_earth_it_is(seen):
     assert (seen.facts["fps"], seen.facts["frames"]) == (25, [1, 251])
-    assert seen.facts["markers"] == [["outage 7.0 s", 76], ["crash 50.0 m/s^2", 201]]
+    assert seen.facts["markers"] == [["outage 7.0 s", 76], ["crash 50.0 m/s^2", 201], ["impact 30.0 km/h", 201]]
     assert seen.facts["camera"] == "camera follow"
     told = seen.facts["properties"]
     assert [told[name] for name in ("anchor_lat", "anchor_lon", "anchor_height")] == [44.5, 11.3, 100.0]
@@ -110,6 +120,28 @@ def test_a_picture_shows_the_car_upright_in_its_middle_under_a_bright_sky(seen):
     assert tail_lamp.sum() > 10
     assert np.nonzero(tail_lamp)[0].mean() > rows.min()  # the lamps are below the roof
     assert picture[:10].mean() > 0.5
+
+
+def test_an_arrow_shows_the_force_of_a_crash_while_it_lasts(seen):
+    """60 deg clockwise from the front is to the right of a car that is seen from behind."""
+    assert seen.curves["force hide_render 0"].tolist() == [[0.0, 1.0], [201.0, 0.0], [251.0, 1.0]]
+    orange = [_orange(seen.picture(frame)) for frame in (SLOW_FRAME, FAST_FRAME)]
+    assert orange[0].sum() == 0
+    assert orange[1].sum() > 30
+    assert np.nonzero(orange[1])[1].mean() > 160
+
+
+def _orange(picture):
+    """Pixels of the colour of the arrow, #D55E00."""
+    return np.abs(picture - np.array([0.835, 0.369, 0.0])).max(axis=-1) < 0.08
+
+
+def test_captions_are_there_for_every_camera_while_they_last(seen):
+    """GNSS is silent from 3 s on, the impact comes at 8 s."""
+    for camera in ("follow", "top", "driver", "overview"):
+        names = [name for name in seen.curves if f"caption {camera}" in name and "hide_render" in name]
+        frames = sorted(seen.curves[name][1:, 0].tolist() for name in names)
+        assert frames == [[76.0, 251.0], [201.0, 251.0]]
 
 
 def test_a_picture_shows_white_letters_on_a_dark_plate(seen):

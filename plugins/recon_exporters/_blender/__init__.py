@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import car, crash, keyframes, rendering, scenery, video, views
+from . import car, crash, keyframes, notices, rendering, scenery, video, views
 
 __all__ = ["build", "main"]
 
@@ -46,7 +46,9 @@ def build(folder: Path, own: Any = None) -> Any:
     scenery.tube(collection, arrays)
     cameras = views.cameras(scene, collection, vehicle, arrays, look["resolution"])
     views.chart(collection, cameras["overview"], vehicle, way)
-    views.display(collection, cameras, arrays, top_speed, look["resolution"])
+    corners = views.display(collection, cameras, arrays, top_speed, look["resolution"])
+    notices.captions(collection, corners, plan["captions"])
+    notices.force(collection, vehicle, plan["force"])
     scene.camera = cameras[look["camera"]].thing
     for mark in plan["markers"]:
         scene.timeline_markers.new(mark["name"], frame=mark["frame"])

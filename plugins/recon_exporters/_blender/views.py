@@ -22,14 +22,14 @@ ABOVE = 400.0
 """m by which the camera on top is above the highest point, and the chart still higher."""
 TOP_WIDTH = 60.0
 """m that the camera on top shows from left to right."""
-
-
 FAR = 50_000.0
 """m that a camera sees."""
 NEAR = 0.05
 """m from a camera to its display: so small that no other camera sees it."""
 NEAR_TOP = 2.0
 """m, for the camera on top, whose height in single precision leaves no room for less."""
+PLATE = (0.235, 0.13)
+"""Width and height of what the display stands on, in widths of the picture."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def chart(collection: Any, overview: View, vehicle: Any, way: Any) -> None:
         parts[-1].location.z = height
         parts[-1].scale.z = 0.0
     for part in parts:
-        _no_light(part)
+        no_light(part)
 
 
 def _disc(radius: float, material: Any) -> Any:
@@ -111,13 +111,17 @@ def _disc(radius: float, material: Any) -> Any:
     return mesh("disc", points, [tuple(range(24))], [material])
 
 
-def _no_light(part: Any) -> None:
+def no_light(part: Any) -> None:
     """Neither shadow nor reflection: it is drawn on the picture, not part of the scene."""
     part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
 
 
-def display(collection: Any, views: Any, arrays: Any, top_speed: float, resolution: Any) -> None:
-    """Speed, time and the scale of colours in the lower left corner of every picture; lengths in widths of it."""
+def display(collection: Any, views: Any, arrays: Any, top_speed: float, resolution: Any) -> dict[str, Any]:
+    """Speed, time and the scale of colours in the lower left corner of every picture; lengths in widths of it.
+
+    returns : by camera the empty in that corner, which scales what hangs on it
+    """
+    corners = {}
     numbers = _numbers(arrays)
     scale, plate = _scale(), _plate()
     white = glowing("display", (1.0, 1.0, 1.0))
@@ -127,6 +131,7 @@ def display(collection: Any, views: Any, arrays: Any, top_speed: float, resoluti
         corner.location = (-0.48 * view.width, (bottom + 0.02) * view.width, -view.near)
         corner.scale = (view.width, view.width, view.width)
         corner.empty_display_size = 0.01
+        corners[name] = corner
         shown = thing(collection, f"numbers {name}", bpy.data.meshes.new("numbers"), corner)
         shown.modifiers.new("numbers", "NODES").node_group = numbers
         shown.location = (0.012, 0.062, 0.0)
@@ -136,22 +141,25 @@ def display(collection: Any, views: Any, arrays: Any, top_speed: float, resoluti
             part.location = place
             parts.append(part)
         for text, x in (("0", 0.012), (f"{3.6 * top_speed:.0f} km/h", 0.152)):
-            label = thing(collection, f"label {name}", _text(text, white), corner)
+            label = thing(collection, f"label {name}", letters(text, white, 0.016), corner)
             label.location = (x, 0.012, 0.0)
             parts.append(label)
         for part in parts:
-            _no_light(part)
+            no_light(part)
+    return corners
 
 
-def _text(body: str, material: Any) -> Any:
+def letters(body: str, material: Any, size: float) -> Any:
+    """A text, as high as `size`."""
     text = bpy.data.curves.new("label", "FONT")
-    text.body, text.size = body, 0.016
+    text.body, text.size = body, size
     text.materials.append(material)
     return text
 
 
 def _plate() -> Any:
-    corners = [(0.0, 0.0, 0.0), (0.235, 0.0, 0.0), (0.235, 0.13, 0.0), (0.0, 0.13, 0.0)]
+    wide, high = PLATE
+    corners = [(0.0, 0.0, 0.0), (wide, 0.0, 0.0), (wide, high, 0.0), (0.0, high, 0.0)]
     return mesh("plate", corners, [(0, 1, 2, 3)], [translucent("plate", from_hex("#101418"), 0.72)])
 
 
