@@ -36,6 +36,8 @@ from recon.yaml_nodes import Node
 
 HEAD_BYTES: Final = 65536
 SURE: Final = 0.5
+LOOKED_AT: Final = 20
+"""Files of a folder that is no log, for a message that names those that are."""
 _CHECK: Final = "check that it is the right file; 'recon plugins' lists the readers that are installed"
 _PACKED: Final = "unpack it, and name the log in it"
 _PICKLE: Final = "recon never unpickles, for a pickle may run anything: save its arrays as CSV or Parquet"
@@ -75,7 +77,7 @@ def auto(*, path: Path, params: Delegation, registry: Registry, wanted: Wanted) 
     where the file holds nothing of use: then it tells what the other readers say of it.
     """
     opinions, broken = _ask(path, registry)
-    chosen = _choose(path, opinions, broken, params.readers)
+    chosen = _choose(path, opinions, broken, params.readers, registry)
     given = params.readers.get(chosen.reader.key, {})
     bound, problems = bind(chosen.reader.params, Node.of(given, Where(chosen.reader.key)), chosen.reader.key)
     if bound is None:
@@ -145,13 +147,15 @@ def _head(path: Path) -> bytes:
     return head
 
 
-def _choose(path: Path, opinions: list[Opinion], broken: list[str], given: Collection[str]) -> Opinion:
+def _choose(
+    path: Path, opinions: list[Opinion], broken: list[str], given: Collection[str], registry: Registry
+) -> Opinion:
     """The reader that is sure; where none is, the only one that was given parameters and does not rule the file out."""
     if not opinions or opinions[0].sniff.confidence < SURE:
         meant = [one for one in opinions if one.reader.key in given and one.sniff.confidence > 0]
         if len(meant) == 1:
             return replace(meant[0], sniff=replace(meant[0].sniff, reason="it was given parameters"))
-        raise _unknown(path, opinions, broken)
+        raise _unknown(path, opinions, broken, registry)
     sure = [one for one in opinions if one.sniff.confidence == opinions[0].sniff.confidence]
     if len(sure) > 1:
         names = " and ".join(opinion.reader.key for opinion in sure)
@@ -160,16 +164,28 @@ def _choose(path: Path, opinions: list[Opinion], broken: list[str], given: Colle
     return opinions[0]
 
 
-def _unknown(path: Path, opinions: list[Opinion], broken: list[str]) -> ReadFailed:
+def _unknown(path: Path, opinions: list[Opinion], broken: list[str], registry: Registry) -> ReadFailed:
     """The error where no reader is sure: what those say that have an idea of the file, else what all say."""
     if path.is_dir():
-        what = "this is a folder" if any(path.iterdir()) else "this folder is empty"
-        return ReadFailed(path, what, hint="name the log files in it, or the folder of a result of recon")
+        return _folder(path, registry)
     lines = _said([one for one in opinions if one.sniff.confidence > 0] or opinions)
     head = _head(path)
     kind, advice = next((told for mark, told in _NO_LOGS.items() if head.startswith(mark)), ("", _CHECK))
     what = f"no reader knows this file{', which is ' * bool(kind)}{kind}"
     return UnknownFormat(path, what, hint="\n  ".join([*lines, *broken, advice]))
+
+
+def _folder(path: Path, registry: Registry) -> ReadFailed:
+    """The error for a folder that is no reader's own: it names the logs in it."""
+    inside = sorted(path.iterdir())
+    what = "this is a folder" if inside else "this folder is empty"
+    known = []
+    for file in [one for one in inside if one.is_file() and one.stat().st_size][:LOOKED_AT]:
+        opinions, _ = _ask(file, registry)
+        if opinions and opinions[0].sniff.confidence >= SURE:
+            known.append(f"{file.name} ({opinions[0].reader.key})")
+    listed = f"the logs in it: {', '.join(known)}" if known else "or the folder of a result of recon"
+    return ReadFailed(path, what, hint=f"name the log files in it, several only if they are of one drive; {listed}")
 
 
 def _said(opinions: Iterable[Opinion]) -> list[str]:

@@ -128,10 +128,20 @@ def test_two_that_are_equally_sure_are_named_with_a_way_out(tmp_path: Path) -> N
 def test_a_folder_of_logs_is_refused_as_a_folder(tmp_path: Path) -> None:
     with pytest.raises(ReadFailed, match="this folder is empty"):
         read(tmp_path)
-    (tmp_path / "log.txt").write_text(HEADER + ROWS)
+    (tmp_path / "notes.md").write_text("prose")
     with pytest.raises(ReadFailed, match="this is a folder") as caught:
         read(tmp_path)
-    assert "name the log files in it" in caught.value.hint
+    assert caught.value.hint.startswith("name the log files in it")
+    assert caught.value.hint.endswith("or the folder of a result of recon")
+
+
+def test_the_logs_in_a_folder_are_named_where_it_is_none_itself(tmp_path: Path) -> None:
+    (tmp_path / "log.txt").write_text(HEADER + ROWS)
+    (tmp_path / "notes.md").write_text("prose")
+    (tmp_path / "empty.txt").touch()
+    with pytest.raises(ReadFailed, match="this is a folder") as caught:
+        read(tmp_path)
+    assert caught.value.hint.endswith("the logs in it: log.txt (reader.physycom)")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
