@@ -11,7 +11,6 @@ References
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from collections import deque
@@ -112,7 +111,7 @@ def write_file(
 
 def _ahead(work: Callable[[list[slice]], _Chunk], spans: Iterable[list[slice]]) -> Iterator[_Chunk]:
     """What the work makes of each span, in their order; some are made while others are written, never all at once."""
-    workers = max(1, min(_WORKERS, (os.cpu_count() or 1) - 1))
+    workers = max(1, min(_WORKERS, pa.cpu_count() - 1))
     waiting: deque[Future[_Chunk]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for span in spans:

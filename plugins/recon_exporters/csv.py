@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import csv as text_csv
 import io
-import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -116,7 +115,7 @@ def _write(columns: Mapping[str, pa.ChunkedArray], file: BinaryIO, delimiter: st
     header = io.StringIO()
     text_csv.writer(header, delimiter=delimiter, lineterminator="\n").writerow(columns)
     file.write(header.getvalue().encode())
-    with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(min(4, pa.cpu_count())) as pool:
         for block in pool.map(formatted, range(0, table.num_rows, _BLOCK_ROWS)):
             file.write(block)
 

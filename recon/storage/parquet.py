@@ -37,7 +37,7 @@ ABOUT: Final = "recording.json"
 
 def write_folder(recording: Recording, folder: Path) -> None:
     """Write every stream, several at a time, and `recording.json` into an existing folder."""
-    with ThreadPoolExecutor() as pool:  # Arrow encodes and compresses without Python's lock
+    with ThreadPoolExecutor(pa.cpu_count()) as pool:  # Arrow encodes and compresses without Python's lock
         list(pool.map(lambda name: write_file(recording[name], folder / f"{name}.parquet"), recording))
     about = {"streams": list(recording), "meta": dict(recording.meta)}
     text = to_json(about, indent=2, sort_keys=True)
