@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import recon
+from recon.arithmetic import Arithmetic
 from recon.errors import ReadFailed
 from recon.plan import Plan, PlannedStep
 from recon.runner import Outcome
@@ -104,6 +105,7 @@ def make(
             "platform": platform.platform(),
             "python": sys.version.split()[0],
             "packages": _packages(),
+            "arithmetic": Arithmetic.used().as_data(),
         },
     }
     return dict(json.loads(to_json(made)))

@@ -7,7 +7,7 @@ for, and a broken one is reported only then. A registry is a value that is passe
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Final
@@ -45,7 +45,10 @@ class Registry:
         sources: dict[str, list[Source]],
         records: Iterable[Stage] = (),
         blocked: Mapping[str, str] | None = None,
+        options: Sequence[str] | None = None,
     ) -> None:
+        self.options = options
+        """Of a command that finds the same stages; None where no command does, for some are not installed."""
         self._sources = sources
         self._blocked = blocked or {}
         self._records: dict[str, Stage] = {}
@@ -73,7 +76,8 @@ class Registry:
                 blocked[key] = f"the stage '{key}' ({source}) is blocked by {option}"
             else:
                 sources.setdefault(key, []).append(source)
-        return cls(sources, blocked=blocked)
+        options = [word for name in block for word in ("--no-plugin", name)] + ["--first-party-only"] * first_party_only
+        return cls(sources, blocked=blocked, options=options)
 
     @classmethod
     def of(cls, *records: Stage) -> Registry:

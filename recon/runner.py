@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import pyarrow as pa
 
+from recon.arithmetic import one_thread
 from recon.check import settled
 from recon.errors import (
     ConfigError,
@@ -36,7 +37,6 @@ from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
 from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
-from recon.threads import one_thread
 
 Source: TypeAlias = Recording | Sequence[Path]
 Progress: TypeAlias = Callable[[int, int, str], None]

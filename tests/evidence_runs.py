@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from recon import Pipeline
+from recon.arithmetic import Arithmetic
 
 PIPELINE = Pipeline.of("blow", "reader.auto", "filter.moving_average", "detector.shock")
 ROWS = 400
@@ -28,3 +30,11 @@ def write_log(path: Path) -> Path:
         lines.append(f"{time[row]:.4f}\t" + "\t".join(f"{number:.5f}" for number in numbers))
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def older_arithmetic(arithmetic: Arithmetic) -> Arithmetic:
+    """As a processor of 2011 computes, which every later one of its kind can."""
+    names = [name for name in ("AVX", "X86_V3") if name in arithmetic.simd]
+    if not any(kernel.startswith("openblas") for kernel in arithmetic.blas) or not names:
+        pytest.skip("here is no OpenBLAS, or no processor that has an older arithmetic to choose")
+    return Arithmetic(("openblas Sandybridge",), arithmetic.simd[: arithmetic.simd.index(names[0])], 1)

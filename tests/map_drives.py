@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 
 from recon import Streams, matrix, meta, time_ns, vector
+from recon.arithmetic import one_thread
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.rotation import conjugate, from_euler, multiply, rotate, to_rotvec
-from recon.threads import one_thread
 from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams

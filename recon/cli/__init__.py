@@ -46,8 +46,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(args: Sequence[str]) -> int:
+    from recon import arithmetic
     from recon.cli import _console as console
 
+    arithmetic.portable()
     console.prepare()
     words, verbose = _without_verbose(args)
     try:

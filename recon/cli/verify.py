@@ -49,6 +49,7 @@ def as_text(found: Verified, *, noted: bool) -> str:
         ("bytes", f"all of {found.files} files as they were sealed"),
         ("log", ", ".join(found.inputs) or "none: simulated"),
         ("run again", found.agreement + (" within 1e-9" if found.agreement == "same numbers" else "")),
+        ("computed by", found.arithmetic),
         ("exports", f"{found.exports} files, as they were sealed; not made again" if found.exports else ""),
         *(("note", note) for note in found.notes),
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import re
 import sys
@@ -31,7 +30,7 @@ RESULTS: Final = "results"
 EXPORTS: Final = "exports"
 
 _NO_CODE: Final = (".pyc", ".md", ".png")
-_KEPT: Final = ("python", "packages")
+_KEPT: Final = ("python", "packages", "arithmetic")
 _REQUIREMENT: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 _TEXT: Final = """\
@@ -89,22 +88,13 @@ def versions_of(sources: Iterable[Source]) -> dict[str, Any]:
         MARK: NUMBER,
         "recon": recon.__version__,
         "python": sys.version.split()[0],
-        "platform": f"{platform.system()} {platform.machine()}",
-        "processor": _processor(),
+        "platform": " ".join(filter(None, (platform.system(), platform.machine(), *platform.libc_ver()))),
         "code": [
             {"package": package, "distribution": name, "version": version, "sha256": _code_digest(package)}
             for package, (name, version) in sorted(code.items())
         ],
         "packages": dict(sorted(_needed([name for name, _ in code.values()]).items())),
     }
-
-
-def _processor() -> str:
-    """The extensions of the processor that NumPy uses, and the kernels that OpenBLAS is told to use."""
-    import numpy as np
-
-    found = np.show_config(mode="dicts").get("SIMD Extensions", {}).get("found", [])
-    return " ".join([*found, os.environ.get("OPENBLAS_CORETYPE", "")]).strip()
 
 
 def _code_digest(package: str) -> str:
@@ -156,9 +146,6 @@ def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list
         for key, name in (("recon", "recon"), ("python", "Python"), ("platform", "the platform"))
         if sealed.get(key) != here[key]
     ]
-    if sealed.get("processor") != here["processor"]:
-        kinds = f"was {sealed.get('processor')}, here it is {here['processor']}"
-        found.append(f"the kind of processor {kinds}, which rounds otherwise")
     packages = sealed.get("packages", {})
     for name, version in here["packages"].items():
         if packages.get(name) not in (None, version) and name != FIRST_PARTY:

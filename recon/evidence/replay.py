@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from recon import api
+from recon.arithmetic import Arithmetic
 from recon.errors import Difference, PluginNotFound
 from recon.evidence.sameness import OTHER, ROUNDED, SAME_BYTES, SAME_NUMBERS, Kinship, kinships, unlike, unlike_data
 from recon.pipeline import Pipeline
@@ -49,9 +54,48 @@ def _stages(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def run_again(manifest: Mapping[str, Any], inputs: Sequence[Path], folder: Path, registry: Registry) -> api.Run:
-    """Run a manifest's pipeline on these inputs, into a folder."""
+    """Run a manifest's pipeline on these inputs, into a folder; with its arithmetic, where that can be had."""
+    told = arithmetic_of(manifest)
+    if told not in (None, Arithmetic.used()) and registry.options is not None:
+        finished = _run_as_told(manifest, told, inputs, folder, registry.options)
+        if finished is not None:
+            return finished
     store = manifest["store"]
     return api.execute(pipeline_of(manifest), list(inputs) or None, folder, [], registry=registry, store=store)
+
+
+def arithmetic_of(manifest: Mapping[str, Any]) -> Arithmetic | None:
+    """What a run was computed by; None where its manifest does not tell, as those of the first versions."""
+    return Arithmetic.from_data(manifest["environment"].get("arithmetic"))
+
+
+def _run_as_told(
+    manifest: Mapping[str, Any],
+    told: Arithmetic,
+    inputs: Sequence[Path],
+    folder: Path,
+    options: Sequence[str],
+) -> api.Run | None:
+    """As `run_again`, in a process that is asked for an arithmetic when it starts.
+
+    None where it fails, as on an instruction that the processor lacks, or is given another arithmetic.
+    """
+    with TemporaryDirectory(prefix="recon-replay-") as scratch:
+        pipeline = Path(scratch) / "pipeline.yaml"
+        pipeline.write_text(pipeline_of(manifest).to_yaml(), encoding="utf-8")
+        command = [sys.executable, "-m", "recon", "run", str(pipeline), *map(str, inputs), "--out", str(folder)]
+        command += ["--store", manifest["store"], *options]
+        try:
+            done = subprocess.run(command, env=told.environment(), capture_output=True, check=False)
+        except OSError:
+            return None
+    if done.returncode:
+        return None
+    finished = api.open(folder)
+    if finished.manifest["environment"]["arithmetic"] == told.as_data():
+        return finished
+    shutil.rmtree(folder)
+    return None
 
 
 def compare(sealed: api.Run, again: api.Run) -> bool:

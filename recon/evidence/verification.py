@@ -21,7 +21,7 @@ from recon.problems import Problem
 from recon.registry import Registry
 
 _WHOLE: Final = "every byte of the file is as it was sealed"
-_ALIKE: Final = "code, packages and kind of processor are those of the seal, so it was changed after it was run"
+_ALIKE: Final = "code, packages and arithmetic are those of the seal, so it was changed after it was run"
 _SLIGHTLY: Final = f"{_ALIKE}, or another build of the numerical libraries rounds otherwise here"
 _SINGLE: Final = (contents.README, contents.SUMS, contents.MANIFEST, contents.PIPELINE, contents.VERSIONS)
 _FOLDERS: Final = (contents.INPUTS, contents.RESULTS, contents.EXPORTS)
@@ -33,7 +33,8 @@ class Verified:
     """What was found: the file's SHA-256, how many files it holds, its inputs, how its results came out again.
 
     agreement : SAME_BYTES or SAME_NUMBERS, that is within 1e-9
-    exports : files for people, which are hashed alone; notes : versions that are others here
+    arithmetic : what computed it again; notes : versions that are others here
+    exports : files for people, which are hashed alone
     """
 
     file: str
@@ -41,6 +42,7 @@ class Verified:
     files: int
     inputs: tuple[str, ...]
     agreement: str
+    arithmetic: str
     exports: int
     notes: tuple[str, ...]
 
@@ -65,17 +67,16 @@ def verify(file: str | Path, *, sha256: str | None = None, registry: Registry | 
         check_bytes(path, entries)
         sealed, inputs = _unpacked(path, entries, Path(scratch))
         before = _json_of(path, entries, contents.VERSIONS)
-        here = contents.versions_of(replay.sources_of(sealed.manifest, registry))
-        notes = contents.changed_versions(before, here)
-        same = _replayed(sealed, inputs, Path(scratch) / "again", registry, notes)
+        same, again, notes = _replayed(sealed, inputs, Path(scratch) / "again", registry, before)
         return Verified(
             file=path.name,
             sha256=whole,
             files=len(entries),
             inputs=tuple(entry["name"] for entry in sealed.manifest["inputs"]),
             agreement=SAME_BYTES if same else SAME_NUMBERS,
+            arithmetic=str(replay.arithmetic_of(again.manifest)),
             exports=sum(entry.name.startswith(f"{contents.EXPORTS}/") for entry in entries),
-            notes=tuple(notes),
+            notes=notes,
         )
 
 
@@ -215,10 +216,18 @@ def _unpack(entry: Entry, folder: Path, name: str) -> None:
         shutil.copyfileobj(source, file)
 
 
-def _replayed(sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, notes: Sequence[str]) -> bool:
-    """Does the run give the same bytes again? Raises Difference where it does not even give the same numbers."""
+def _replayed(
+    sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, before: Mapping[str, Any]
+) -> tuple[bool, api.Run, tuple[str, ...]]:
+    """Does the run give the same bytes again? That run, and what is another one here than it was `before`.
+
+    Raises Difference where it does not even give the same numbers.
+    """
+    notes = contents.changed_versions(before, contents.versions_of(replay.sources_of(sealed.manifest, registry)))
     try:
-        return replay.compare(sealed, replay.run_again(sealed.manifest, inputs, folder, registry))
+        again = replay.run_again(sealed.manifest, inputs, folder, registry)
+        notes += _other_arithmetic(sealed.manifest, again.manifest)
+        return replay.compare(sealed, again), again, tuple(notes)
     except Difference as error:
         alike = _SLIGHTLY if replay.only_rounded(error.streams) else _ALIKE
         error.hint = f"{_WHOLE}; {_since(notes) or alike}"
@@ -228,6 +237,14 @@ def _replayed(sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: R
     except ReconError as error:
         text = f"run again, it ends with an error: {error.message}"
         raise Difference(text, f"{_WHOLE}; {_since(notes) or _ALIKE}") from error
+
+
+def _other_arithmetic(sealed: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:
+    """A sentence where this processor, or the libraries here, cannot compute as the manifest of a run tells."""
+    told, here = replay.arithmetic_of(sealed), replay.arithmetic_of(again)
+    if told in (None, here):
+        return []
+    return [f"it was computed by {told}, which cannot be had here, and again by {here}, which rounds otherwise"]
 
 
 def _since(notes: Sequence[str]) -> str:
