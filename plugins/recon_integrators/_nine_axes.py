@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -40,10 +41,12 @@ from recon import (
 )
 from recon.driving import measured
 from recon.errors import DataError, NotEnoughData
-from recon.numerics.attitude import Blocks, blocks_of
+from recon.numerics.attitude import Blocks, Rows, blocks_of
 from recon.numerics.rotation import Floats, from_rotvec, multiply
 from recon.placing import moment
-from recon_integrators._north import Heading, Levelled, acceleration_g, find_heading, north_of, velocity_of
+from recon_integrators._heading import Heading, find_heading
+from recon_integrators._levelled import Levelled, acceleration_g
+from recon_integrators._north import Velocities, north_of, velocities_of
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -58,6 +61,8 @@ _FELT: Final = (5.0, 20.0)
 """m/s^2 between which an accelerometer feels gravity on average."""
 _SOME: Final = 7
 """One row in so many is enough for that."""
+_ROUGH_S: Final = 2.0
+"""Blocks in which the heading shows well enough to turn the vehicle's acceleration."""
 _Q: Final = ("qw", "qx", "qy", "qz")
 
 
@@ -85,10 +90,11 @@ class Level:
 
 
 class Record(NamedTuple):
-    """A part of the record without a gap: time of its first row, and its blocks."""
+    """A part of the record without a gap: time of its first row, its blocks, and its rows within them."""
 
     start_ns: int
     blocks: Blocks
+    rows: Rows
 
 
 Filter: TypeAlias = Callable[[Blocks], Level]
@@ -113,8 +119,8 @@ def attitude_by(
     cuts = np.flatnonzero(np.diff(t_ns) > params.max_gap * 1e9) + 1
     notes = _gap_notes(t_ns, cuts)
     records = [
-        Record(int(t_ns[part.start]), blocks_of(_since_first(t_ns[part]), gyro_s[:, part], accel_s[:, part], rate_hz))
-        for part in (slice(rows[0], rows[-1] + 1) for rows in np.split(np.arange(len(t_ns)), cuts))
+        Record(int(t_ns[part.start]), *blocks_of(_since_first(t_ns[part]), gyro_s[:, part], accel_s[:, part], rate_hz))
+        for part in (slice(*ends) for ends in pairwise([0, *cuts, len(t_ns)]))
     ]
     levels, heading = _levelled(filter_, records, mag, gnss, params)
     turned = [_turned(*each) for each in zip(records, levels, heading.turns, strict=True)]
@@ -126,26 +132,46 @@ def attitude_by(
 def _levelled(
     filter_: Filter, records: list[Record], mag: pa.Table | None, gnss: pa.Table | None, params: NineAxesParams
 ) -> tuple[list[Level], Heading]:
-    """Each record levelled, and the heading; twice where GNSS shows the acceleration, which is then taken off."""
+    """Each record levelled, and the heading."""
     seen = mag if params.heading != "course" and mag is not None and has(mag, "mag") and mag.num_rows else None
     north, notes = north_of(seen, gnss, params.declination)
-    vel_n, more = velocity_of(gnss, north)
-    course = vel_n if params.heading != "magnetometer" else None
+    velocities, more = velocities_of(gnss, north)
+    course = velocities if params.heading != "magnetometer" else None
 
-    def headed(levels: list[Level]) -> tuple[list[Levelled], Heading]:
-        pieces = [Levelled(*record, level.q_ls) for record, level in zip(records, levels, strict=True)]
-        return pieces, find_heading(pieces, seen, gnss, course, north, params.hard_iron)
+    def heading_of(pieces: list[Levelled]) -> Heading:
+        return find_heading(pieces, seen, course, north, params.hard_iron)
 
-    levels = [filter_(record.blocks) for record in records]
-    pieces, heading = headed(levels)
-    if vel_n is not None and heading.kind == "true":
-        accelerations = [acceleration_g(p, turn, gnss, vel_n) for p, turn in zip(pieces, heading.turns, strict=True)]
-        levels = [
-            filter_(blocks._replace(force_g=blocks.force_g - acceleration))
-            for (_, blocks), acceleration in zip(records, accelerations, strict=True)
-        ]
-        heading = headed(levels)[1]
+    blocks = [record.blocks for record in records]
+    if velocities is not None:
+        blocks = _less_acceleration(filter_, records, heading_of, velocities)
+    levels = [filter_(each) for each in blocks]
+    heading = heading_of([Levelled(r.start_ns, r.blocks, level.q_ls) for r, level in zip(records, levels, strict=True)])
     return levels, replace(heading, learnt=[*heading.learnt, *notes, *more])
+
+
+def _less_acceleration(
+    filter_: Filter,
+    records: list[Record],
+    heading_of: Callable[[list[Levelled]], Heading],
+    velocities: Velocities,
+) -> list[Blocks]:
+    """The blocks of each record, less the vehicle's acceleration that GNSS shows.
+
+    It shows it along East and North, so the heading is found first, of the records levelled in rough blocks.
+    """
+    rough = []
+    for start_ns, blocks, _ in records:
+        merged = blocks.merged(max(1, round(_ROUGH_S / float(np.median(blocks.step_s)))))
+        rough.append(Levelled(start_ns, merged, filter_(merged).q_ls))
+    heading = heading_of(rough)
+    if heading.kind != "true":
+        return [record.blocks for record in records]
+    return [
+        blocks._replace(
+            force_g=blocks.force_g - acceleration_g(piece, turn, blocks.t_s - 0.5 * blocks.step_s, velocities)
+        )
+        for (_, blocks, _), piece, turn in zip(records, rough, heading.turns, strict=True)
+    ]
 
 
 def _since_first(t_ns: NDArray[np.int64]) -> Floats:
@@ -155,7 +181,7 @@ def _since_first(t_ns: NDArray[np.int64]) -> Floats:
 def _inertial(imu: pa.Table) -> tuple[pa.Table, Floats, Floats]:
     """The rows that hold all six numbers, their turn rates (3, n) and specific forces (3, n)."""
     six = np.array([vector(imu, f"{group}_{axis}", gaps=True) for group in ("gyro", "accel") for axis in "xyz"])
-    if np.isfinite(six.sum(axis=0)).all():
+    if np.isfinite(six.sum()):
         return imu, six[:3], six[3:]
     return _inertial(measured(imu))
 
@@ -163,7 +189,7 @@ def _inertial(imu: pa.Table) -> tuple[pa.Table, Floats, Floats]:
 def _turned(record: Record, level: Level, delta: Floats) -> Floats:
     """Attitude (4, n) at every row of a record, its level frame turned by delta (m,) rad at the ends of its blocks."""
     up = np.column_stack([np.zeros_like(delta), np.zeros_like(delta), delta])
-    return record.blocks.attitude(multiply(from_rotvec(up), level.q_ls))
+    return record.rows.attitude(record.blocks, multiply(from_rotvec(up), level.q_ls))
 
 
 def _check_gravity(accel_s: Floats) -> None:

@@ -18,6 +18,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -40,29 +41,23 @@ from recon.numerics.smoothing.soa import cross, quat_exp, quat_multiply, running
 _UP = np.array([0.0, 0.0, 1.0])
 _FIRST_S = 2.0
 """Of the record, whose mean specific force shows where up is at its start."""
-_LEARN_S = 1.0
+_LEARN_S = 2.0
 """Blocks of the round that learns the bias."""
+_LOT = 2**15
+"""Rows that are worked on at a time: what belongs to them stays in the cache."""
 
 
 class Blocks(NamedTuple):
-    """A record of inertial sensors, and the same in blocks of rows.
+    """A record of inertial sensors in blocks of rows.
 
-    q_gs : (4, n) attitude of the sensor at each row in the drifting frame, which is that of the sensor at the first row
-    size : rows of a block; the last may hold fewer
-    t_s : (m,) s, time at the end of each block
+    t_s : (m,) s since the first row, time at the end of each block
+    q_gs : (m, 4) attitude of the sensor then in the drifting frame, which is that of the sensor at the first row
     force_g : (m, 3) m/s^2, mean specific force of each block, drifting frame
     """
 
-    q_gs: Floats
-    size: int
     t_s: Floats
+    q_gs: Floats
     force_g: Floats
-
-    @property
-    def q_end(self) -> Floats:
-        """Attitude of the sensor at the end of each block in the drifting frame: (m, 4)."""
-        rows = self.q_gs.shape[1]
-        return np.ascontiguousarray(self.q_gs[:, np.minimum(np.arange(1, len(self.t_s) + 1) * self.size, rows) - 1].T)
 
     @property
     def step_s(self) -> Floats:
@@ -72,55 +67,108 @@ class Blocks(NamedTuple):
     @property
     def turns(self) -> Floats:
         """By how much the sensor turns from the end of the block before, as it sees it: (m, 3) rad."""
-        q_end = self.q_end
-        before = np.concatenate(([[1.0, 0.0, 0.0, 0.0]], q_end[:-1]))
-        return to_rotvec(multiply(conjugate(before), q_end))
+        return to_rotvec(multiply(conjugate(self.q_before), self.q_gs))
+
+    @property
+    def q_before(self) -> Floats:
+        """Attitude of the sensor at the end of the block before, drifting frame: (m, 4)."""
+        return np.concatenate(([[1.0, 0.0, 0.0, 0.0]], self.q_gs[:-1]))
 
     @property
     def force_s(self) -> Floats:
         """Mean specific force of each block in the axes that the sensor has at its end: (m, 3) m/s^2."""
-        return rotate(conjugate(self.q_end), self.force_g)
+        return rotate(conjugate(self.q_gs), self.force_g)
 
     def merged(self, times: int) -> Blocks:
         """The same in blocks of so many times the rows."""
         starts = np.arange(0, len(self.t_s), times)
-        count = np.diff(np.append(starts, len(self.t_s)))[:, None]
-        mean_g = np.add.reduceat(self.force_g, starts, axis=0) / count
-        return Blocks(self.q_gs, self.size * times, self.t_s[np.append(starts[1:], len(self.t_s)) - 1], mean_g)
+        ends = np.append(starts[1:], len(self.t_s)) - 1
+        mean_g = np.add.reduceat(self.force_g, starts, axis=0) / (ends + 1 - starts)[:, None]
+        return Blocks(self.t_s[ends], self.q_gs[ends], mean_g)
 
-    def attitude(self, q_ls: Floats) -> Floats:
+
+class Rows(NamedTuple):
+    """The rows of a record within its blocks.
+
+    q_es : (4, size, m) attitude of the sensor at each row of each block in the axes that it had at the end of the block
+        before; where the last block is not full, the last row again
+    rows : n, of the record
+    """
+
+    q_es: Floats
+    rows: int
+
+    def attitude(self, blocks: Blocks, q_ls: Floats) -> Floats:
         """Attitude at every row from that at the end of each block: (4, n) from (m, 4)."""
-        correction = sign_continuous(multiply(q_ls, conjugate(self.q_end))).T
-        before = np.concatenate((correction[:, :1], correction[:, :-1]), axis=1)
-        fraction = np.arange(1, self.size + 1) / self.size
-        between = before[..., None] + (correction - before)[..., None] * fraction
-        q_ls = quat_multiply(between.reshape(4, -1)[:, : self.q_gs.shape[1]], self.q_gs)
-        q_ls /= np.sqrt(np.einsum("ij,ij->j", q_ls, q_ls))
-        return q_ls
+        size, many = self.q_es.shape[1:]
+        correction = sign_continuous(multiply(q_ls, conjugate(blocks.q_gs)))
+        before = np.concatenate((correction[:1], correction[:-1]))
+        # (c_0 + f (c_1 - c_0)) (x) q is linear in f as well
+        first = np.ascontiguousarray(multiply(before, blocks.q_before).T)
+        change = np.ascontiguousarray(multiply(correction - before, blocks.q_before).T)
+        fraction = np.arange(1, size + 1)[:, None] / size
+        result = np.empty((4, many, size))
+        for part in _parts(many, size):
+            start = first[:, None, part] + fraction * change[:, None, part]
+            q_part = quat_multiply(start, self.q_es[..., part])
+            q_part /= np.sqrt(np.einsum("ijk,ijk->jk", q_part, q_part))
+            result[:, part] = q_part.swapaxes(1, 2)
+        return result.reshape(4, -1)[:, : self.rows]
 
 
-def blocks_of(t_s: Floats, gyro_s: Floats, accel_s: Floats, rate_hz: float) -> Blocks:
+def blocks_of(t_s: Floats, gyro_s: Floats, accel_s: Floats, rate_hz: float) -> tuple[Blocks, Rows]:
     """A record in blocks of as many rows as come nearest to `rate_hz` blocks a second, at least one.
 
     t_s : (n,) s since the first row, strictly increasing, n >= 1
     gyro_s : (3, n) rad/s, accel_s : (3, n) m/s^2 specific force, sensor
     """
-    rows = len(t_s)
-    step = np.diff(t_s)
-    step_s = float(np.median(step)) if rows > 1 else 1.0 / rate_hz
+    count = len(t_s)
+    step_s = float(np.median(np.diff(t_s))) if count > 1 else 1.0 / rate_hz
     size = max(1, round(1.0 / (rate_hz * step_s)))
-    turns = 0.5 * step * (gyro_s[:, 1:] + gyro_s[:, :-1]) + step**2 / 12.0 * cross(gyro_s[:, :-1], gyro_s[:, 1:])
-    q_gs = np.empty((4, rows))
-    q_gs[:, 0] = 1.0, 0.0, 0.0, 0.0
-    q_gs[:, 1:] = running_product(quat_exp(turns))
-    starts = np.arange(0, rows, size)
-    count = np.diff(np.append(starts, rows))
-    mean_g = np.add.reduceat(_rotated(q_gs, accel_s), starts, axis=1) / count
-    return Blocks(q_gs, size, t_s[np.append(starts[1:], rows) - 1], np.ascontiguousarray(mean_g.T))
+    many = -(-count // size)
+    q_es, force_e = np.empty((4, size, many)), np.empty((3, many))
+    for part in _parts(many, size):
+        rows = slice(part.start * size, min(part.stop * size, count))
+        q_es[..., part] = _within(_turns(t_s, gyro_s, rows), size)
+        force = _folded(accel_s[:, rows], size)
+        force_e[:, part] = _rotated(q_es[..., part], force).sum(axis=1)
+    ends = np.minimum(np.arange(1, many + 1) * size, count) - 1
+    q_gs = np.ascontiguousarray(running_product(q_es[:, -1]).T)
+    blocks = Blocks(t_s[ends], q_gs, (force_e / np.diff(ends, prepend=-1)).T)
+    return blocks._replace(force_g=rotate(blocks.q_before, blocks.force_g)), Rows(q_es, count)
+
+
+def _parts(many: int, size: int) -> Iterator[slice]:
+    """So many blocks of this size in lots that a processor's cache holds."""
+    lot = max(1, _LOT // size)
+    return (slice(start, min(start + lot, many)) for start in range(0, many, lot))
+
+
+def _turns(t_s: Floats, gyro_s: Floats, rows: slice) -> Floats:
+    """By how much the sensor turns from row to row: (3, r) rad, nothing at the first row of all. Bortz 1971."""
+    turns = np.zeros((3, rows.stop - rows.start))
+    known = slice(max(rows.start - 1, 0), rows.stop)
+    step, rate = np.diff(t_s[known]), gyro_s[:, known]
+    found = 0.5 * step * (rate[:, 1:] + rate[:, :-1]) + step**2 / 12.0 * cross(rate[:, :-1], rate[:, 1:])
+    turns[:, turns.shape[1] - found.shape[1] :] = found
+    return turns
+
+
+def _folded(values: Floats, size: int) -> Floats:
+    """Rows beside each other by their place in a block: (k, size, m) of (k, n), zero where the last is not full."""
+    short = -values.shape[1] % size
+    if short:
+        values = np.pad(values, ((0, 0), (0, short)))
+    return np.ascontiguousarray(values.reshape(len(values), -1, size).swapaxes(1, 2))
+
+
+def _within(turns: Floats, size: int) -> Floats:
+    """Turns from row to row (3, r) summed within blocks: (4, size, m)."""
+    return running_product(quat_exp(_folded(turns, size)))
 
 
 def _rotated(q: Floats, v: Floats) -> Floats:
-    """Vectors taken by q: (3, n) of (4, n) and (3, n)."""
+    """Vectors taken by q: (3, ...) of (4, ...) and (3, ...)."""
     twice = 2.0 * cross(q[1:], v)
     return np.asarray(v + q[0] * twice + cross(q[1:], twice))
 
@@ -142,7 +190,7 @@ def mahony(blocks: Blocks, gain: float, bias_gain: float) -> tuple[Floats, Float
     with f the direction of the specific force and all vectors in the sensor, carried on from block to block. Only up
     feeds back: the loop carries that and the bias, and the attitude is composed of its corrections afterwards.
 
-    The record is gone through twice: what a first round, in blocks of about a second, learnt of the bias the second one
+    The record is gone through twice: what a first round, in blocks of some seconds, learnt of the bias the second one
     begins with.
 
     gain : k_p, 1/s;  bias_gain : k_i, 1/s^2

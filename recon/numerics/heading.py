@@ -38,6 +38,8 @@ Complexes = NDArray[np.complex128]
 
 _HUBER = 2.0
 _ROUNDS = 6
+_SETTLED = 1e-5
+"""rad, below which another round of weights changes nothing that matters."""
 _ROUGH_S = 60.0
 """Seconds over which evidence is summed for a first guess of the angle."""
 _FASTEST = np.radians(3.0)
@@ -80,7 +82,9 @@ def smooth_angle(evidence: Complexes, wander: float) -> tuple[Floats, Floats]:
         residual = np.angle(evidence * np.exp(-1j * angle))
         size = np.abs(residual) * np.sqrt(weight)
         kept = weight * np.minimum(1.0, _HUBER / np.maximum(size, 1e-12))
-        angle = _whittaker(kept, angle + residual, 1.0 / wander**2)
+        before, angle = angle, _whittaker(kept, angle + residual, 1.0 / wander**2)
+        if np.abs(angle - before).max() < _SETTLED:
+            break
     return angle, _sigma(kept, wander)
 
 

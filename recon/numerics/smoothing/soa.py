@@ -12,7 +12,7 @@ References
 
 from __future__ import annotations
 
-from math import ceil, isqrt
+from math import ceil, isqrt, prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,13 +128,14 @@ def running_product(q: Floats) -> Floats:
     """Products q_0, q_0 (x) q_1, q_0 (x) q_1 (x) q_2, ... along axis 1: a blocked scan, Blelloch 1990.
 
     A quaternion is the pair of complex numbers a = w + i x, b = y + i z, and a product
-    (a a' - b b'*, a b' + b a'*). About sqrt(m) blocks advance together, then the block ends, then blocks are joined.
+    (a a' - b b'*, a b' + b a'*). Blocks advance together, then the block ends, then blocks are joined: about sqrt(m) of
+    one product, fewer of several beside each other, and one where those are many.
 
     q : (4, m, ...)
     returns : (4, m, ...)
     """
     count, rest = q.shape[1], q.shape[2:]
-    size = max(isqrt(count), 1)
+    size = max(min(isqrt(count * prod(rest)), count), 1)
     blocks = ceil(count / size)
     a, b = np.ones((blocks * size, *rest), complex), np.zeros((blocks * size, *rest), complex)
     a.real[:count], a.imag[:count] = q[0], q[1]

@@ -106,7 +106,7 @@ def test_matrix_to_quaternion_and_back(length):
     assert_within(soa.matrix_to_quat(matrix), q, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("shape", [(1,), (2,), (3,), (7, 4), (200, 5), (211,), (12, 2, 3)])
+@pytest.mark.parametrize("shape", [(1,), (2,), (3,), (7, 4), (200, 5), (211,), (12, 2, 3), (5, 40)])
 def test_running_product_is_the_sequential_product(shape):
     q = soa.quat_exp(np.random.default_rng(7).normal(size=(3, *shape)))
     # Each of up to 211 products adds roundings of four terms.
