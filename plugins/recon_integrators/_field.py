@@ -21,8 +21,8 @@ from recon_integrators._levelled import Levelled
 from recon_integrators._north import North
 
 _MAG_GAP_S: Final = 1.0
-_FIELD_SIGMA: Final = 0.8
-"""rad, of a second of a calibrated magnetometer in a vehicle: 0.1 rad of soft iron and rest of hard iron, which stay
+_FIELD_SIGMA: Final = 1.2
+"""rad, of a second of a calibrated magnetometer in a vehicle: 0.15 rad of soft iron and rest of hard iron, which stay
 the same for about a minute, as long as the heading does.
 """
 _STRENGTH, _VERTICAL = 0.15, 0.2

@@ -1,7 +1,8 @@
 """Which way a levelled sensor looks: by its magnetometer, by the course over ground, or by both.
 
 The course comes from changes of the GNSS velocity, set against what the accelerometer feels (recon.numerics.heading).
-Where it and the magnetometer disagree by more than their sigmas allow, the course is believed: it has no iron about it.
+By what it and the magnetometer differ over the drive the magnetometer is turned, and where that is too much to be iron
+it is left out: the course has no iron about it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ _UNKNOWN: Final = np.radians(45.0)
 """Sigma beyond which a heading is no heading."""
 _DISAGREE: Final = np.radians(15.0)
 _SURE: Final = np.radians(6.0)
+_LASTING: Final = np.radians(10.0)
+"""What iron that is not found turns a magnetometer's heading by over a whole drive."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,10 @@ def _course_of(piece: Levelled, velocities: Velocities | None) -> Complexes:
 def _agreeing(
     by_field: list[Complexes], by_course: list[Complexes], north: North
 ) -> tuple[list[Complexes] | None, list[Metric]]:
-    """The evidence of the magnetometer, None where the course refutes it or it is of another north."""
+    """The evidence of the magnetometer, None where the course refutes it or it is of another north.
+
+    What it is off the course by on average over the drive is taken off, as far as the course knows it.
+    """
     total = sum(float(np.abs(one).sum()) for one in by_course)
     if not total:
         return by_field, []
@@ -97,7 +103,8 @@ def _agreeing(
             "(iron about it, or other axes than those of imu?)"
         )
         return None, [*learnt, warning(note)]
-    return by_field, learnt
+    turn = difference * _LASTING**2 / (_LASTING**2 + sigma_all**2)
+    return [field_z * np.exp(1j * turn) for field_z in by_field], learnt
 
 
 def _combined(
