@@ -161,7 +161,7 @@ def _less_acceleration(
     """
     rough = []
     for start_ns, blocks, _ in records:
-        merged = blocks.merged(max(1, round(_ROUGH_S / float(np.median(blocks.step_s)))))
+        merged = blocks.lasting(_ROUGH_S)
         rough.append(Levelled(start_ns, merged, filter_(merged).q_ls))
     heading = heading_of(rough)
     if heading.kind != "true":

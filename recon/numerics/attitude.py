@@ -86,6 +86,11 @@ class Blocks(NamedTuple):
         mean_g = np.add.reduceat(self.force_g, starts, axis=0) / (ends + 1 - starts)[:, None]
         return Blocks(self.t_s[ends], self.q_gs[ends], mean_g)
 
+    def lasting(self, seconds: float) -> Blocks:
+        """The same in blocks of about so many seconds."""
+        usual = float(np.median(self.step_s))
+        return self.merged(max(1, round(seconds / usual)) if usual > 0.0 else 1)
+
 
 class Rows(NamedTuple):
     """The rows of a record within its blocks.
@@ -196,8 +201,7 @@ def mahony(blocks: Blocks, gain: float, bias_gain: float) -> tuple[Floats, Float
     gain : k_p, 1/s;  bias_gain : k_i, 1/s^2
     returns : q_ls (m, 4) at the end of each block; bias (m, 3) rad/s, sensor
     """
-    coarse = blocks.merged(max(1, round(_LEARN_S / float(np.median(blocks.step_s)))) if len(blocks.t_s) > 1 else 1)
-    learnt = _carried(coarse, gain, bias_gain, np.zeros(3))[-1, 3:]
+    learnt = _carried(blocks.lasting(_LEARN_S), gain, bias_gain, np.zeros(3))[-1, 3:]
     found = _carried(blocks, gain, bias_gain, learnt)
     return _composed(blocks, gain, found), found[:, 3:]
 
