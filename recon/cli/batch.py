@@ -64,16 +64,17 @@ def _warn(fleet: Fleet) -> None:
 
 def _planned(fleet: Fleet, only: str, *, verify: bool) -> dict[str, Any]:
     from recon.fleet import driver
+    from recon.fleet.compacted import read_index
 
     drives = driver.chosen(fleet, only)
-    todo, made = driver.remaining(fleet, drives, verify=verify)
+    todo = driver.remaining(fleet, drives, read_index(fleet.root), verify=verify)
     return {
         "batch": fleet.batch.name,
         "pipeline": fleet.pipeline.name,
         "executor": fleet.executor.key,
         "output": str(fleet.root.place),
         "vehicles": len({drive.vehicle for drive in drives}),
-        "done_before": len(made),
+        "done_before": len(drives) - len(todo),
         "to_do": [{"job": drive.key, "input": str(drive.place)} for drive in todo],
     }
 

@@ -6,6 +6,7 @@
     root         the folder of all results: how a result becomes whole, what is there
     lock         one batch at a time on one root
     driver       drives -> jobs -> executor -> outcomes; what need not be done again
+    compacted    jobs.parquet, events.parquet, metrics.parquet as they are: what need not be read again
     compaction   all results -> jobs.parquet, events.parquet, metrics.parquet
     summary      these files -> what the owner of a fleet wants to know
 

@@ -2,62 +2,43 @@
 
 They are made from the manifests and streams of the results, and from what failed. Rows are sorted by vehicle and drive.
 A drive whose last attempt failed has no result; it is in `jobs` with its reason, and in the others not at all.
+Rows that were made from the very manifest that is there are taken from the files that are there.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
+from secrets import token_hex
 from tempfile import TemporaryDirectory
 from typing import Any, Final, TypeAlias
 from urllib.parse import unquote
 
+import numpy as np
 import pyarrow as pa
 
-from recon.fleet.inputs import Drive, key_of
-from recon.fleet.places import fetch
+from recon.fleet.compacted import FAILED, NAMES, OK, SCHEMAS, TOKEN, Index, Older, failed_before, is_settled, opened
+from recon.fleet.inputs import Drive
+from recon.fleet.places import Stamp, fetch
 from recon.fleet.root import Root
 from recon.jobs import Outcome
-from recon.schema import by_step
 from recon.storage import mcap
 from recon.storage.json_text import to_json
 
-JOBS: Final = "jobs.parquet"
-OK: Final = "ok"
-FAILED: Final = "failed"
-
-_TIME: Final = pa.timestamp("ns", tz="UTC")
-_TEXTS: Final = ("status", "code", "reason", "hint", "input")
-_FIGURES: Final = ("seconds", "duration", "distance", "top_speed", "stops", "pos_std")
-_DRIVE: Final = (("vehicle", pa.string()), ("drive", pa.string()))
-_SCHEMAS: Final[Mapping[str, pa.Schema]] = {
-    "jobs": pa.schema(
-        [
-            *_DRIVE,
-            *((name, pa.string()) for name in _TEXTS),
-            *(("input_bytes", pa.int64()), ("modified", _TIME), ("started", _TIME)),
-            *((name, pa.float64()) for name in _FIGURES),
-            *(("warnings", pa.int64()), ("rows", pa.int64())),
-            *(("pipeline", pa.string()), ("recon", pa.string()), ("versions", pa.string())),
-        ]
-    ),
-    **{
-        name: pa.schema([*_DRIVE, *((column.name, column.type) for column in by_step(name).columns)])
-        for name in ("events", "metrics")
-    },
-}
-_MARK: Final = b"recon.results"
-"""Key in the metadata of jobs.parquet: a hash of what it was made from."""
-
+_FIGURES: Final = ("duration", "distance", "top_speed", "stops", "pos_std")
 _CHUNK: Final = 512
 """Results that are in memory together."""
 _THREADS: Final = 16
-"""That read from a store, for which they mostly wait; from a disk one is as fast as many."""
+"""That ask a store, for which they mostly wait; a disk answers one as fast as many."""
+_ABSENT: Final = -1
+_UNKNOWN: Final = -2
+"""In place of a row of the older files: there is no result, or one that they do not know."""
 
 Rows: TypeAlias = list[dict[str, Any]]
 
@@ -86,102 +67,101 @@ class Failure:
         }
 
 
-def is_current(root: Root, made: Mapping[str, str]) -> bool:
-    """Do the three files hold just these results? made : time of making by key"""
-    from pyarrow.parquet import read_metadata
+def compact(root: Root, index: Index, failures: Mapping[str, dict[str, Any]]) -> None:
+    """Write the three files anew, where they do not tell just what is there.
 
-    mark = _Mark()
-    for key in sorted(made):
-        mark.add(key, made[key])
-    try:
-        with root.place.filesystem.open_input_file((root.place / JOBS).path) as file:
-            return dict(read_metadata(file).metadata or {}).get(_MARK) == mark.value()
-    except (OSError, pa.ArrowException):
-        return False
-
-
-def compact(root: Root, failures: Mapping[str, dict[str, Any]]) -> None:
-    """Write the three files anew. failures : rows of `jobs` by key. Raises StorageError."""
-    from pyarrow.parquet import ParquetWriter
-
+    index : of the files as they are; failures : rows of `jobs` by key, which count for drives without a result
+    Raises StorageError.
+    """
     keys = sorted({*root.keys(), *failures})
-    mark = _Mark()
-    with root.scratch() as scratch:
-        with ThreadPoolExecutor(_THREADS) as pool, ExitStack() as stack:
-            at_once = map if root.place.is_local else pool.map
-            writers = {
-                name: stack.enter_context(ParquetWriter(scratch / f"{name}.parquet", schema, compression="zstd"))
-                for name, schema in _SCHEMAS.items()
-            }
-            for start in range(0, len(keys), _CHUNK):
-                chunk = keys[start : start + _CHUNK]
-                parts = list(at_once(lambda key: _part(root, key, failures.get(key), scratch), chunk))
-                for key, part in zip(chunk, parts, strict=True):
-                    mark.add(key, part.made)
-                writers["jobs"].write_table(_table("jobs", [row for part in parts for row in part.jobs]))
-                writers["metrics"].write_table(_table("metrics", [row for part in parts for row in part.metrics]))
-                events = [part.events for part in parts if part.events is not None]
-                writers["events"].write_table(pa.concat_tables([_SCHEMAS["events"].empty_table(), *events]))
-            writers["jobs"].add_key_value_metadata({_MARK: mark.value()})
-        for name in reversed(list(_SCHEMAS)):
+    with ThreadPoolExecutor(_THREADS) as pool, root.scratch() as scratch:
+        at_once = map if root.place.is_local else pool.map
+        rows = _known(index, keys, at_once(root.stamp, keys))
+        failed = {key: failures[key] for key, row in zip(keys, rows, strict=True) if row == _ABSENT and key in failures}
+        kept = sum(row >= 0 for row in rows)
+        if _UNKNOWN not in rows and kept + len(failed) == len(index.rows) and failed == failed_before(root):
+            return
+        with _writers(scratch) as writers, _older(root, index, any_kept=kept > 0) as older:
+            source = zip(keys, rows, strict=True)
+            while chunk := list(islice(source, _CHUNK)):
+                parts = list(at_once(lambda one: _part(root, one[0], one[1], failed, scratch), chunk))
+                for name in NAMES:
+                    writers[name].write_table(_table(name, [row for _, row in chunk], parts, older[name]))
+        for name in reversed(NAMES):
             root.put(scratch / f"{name}.parquet", f"{name}.parquet")
 
 
-def failed_before(root: Root) -> dict[str, dict[str, Any]]:
-    """Rows of `jobs` that say why a drive failed, by key, of the file that is there."""
-    from pyarrow.parquet import read_table
-
-    try:
-        with root.place.filesystem.open_input_file((root.place / JOBS).path) as file:
-            table = read_table(file, filters=[("status", "=", FAILED)])
-    except (OSError, pa.ArrowException):
-        return {}
-    numbers = table.set_column(table.schema.get_field_index("modified"), "modified", table["modified"].cast(pa.int64()))
-    rows: Rows = numbers.drop_columns(["started"]).to_pylist()  # Python has no times of nanoseconds
-    return {key_of(row["vehicle"], row["drive"]): row for row in rows}
+def _known(index: Index, keys: Iterable[str], stamps: Iterable[Stamp | None]) -> list[int]:
+    """For each key the row of the older files; they rise, since these are read from their beginning to their end."""
+    rows: list[int] = []
+    last = -1
+    for key, stamp in zip(keys, stamps, strict=True):
+        row = _ABSENT if stamp is None else index.row(key, stamp)
+        rows.append(_UNKNOWN if row is None or 0 <= row <= last else row)
+        last = max(last, rows[-1])
+    return rows
 
 
-class _Mark:
-    """A hash of results: which there are, and when they were made."""
+@contextmanager
+def _writers(folder: Path) -> Iterator[Mapping[str, Any]]:
+    """Of the three files in a folder, by name."""
+    from pyarrow.parquet import ParquetWriter
 
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
+    token = {TOKEN: token_hex(16)}
+    with ExitStack() as stack:
+        made = {
+            name: ParquetWriter(folder / f"{name}.parquet", schema.with_metadata(token), compression="zstd")
+            for name, schema in SCHEMAS.items()
+        }
+        yield {name: stack.enter_context(writer) for name, writer in made.items()}
 
-    def add(self, key: str, made: str) -> None:
-        """Take in a result; in the order of the keys. made : "" for one that counts not"""
-        self._hash.update(f"{key} {made}\n".encode())
 
-    def value(self) -> bytes:
-        """As it is kept."""
-        return self._hash.hexdigest().encode()
+@contextmanager
+def _older(root: Root, index: Index, *, any_kept: bool) -> Iterator[Mapping[str, Older]]:
+    """The files that are there, by name; they need not be there where nothing of them is kept."""
+    with ExitStack() as stack:
+        files = stack.enter_context(opened(root)) if any_kept else {}
+        yield {name: Older(name, index, files.get(name)) for name in NAMES}
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Rows of one drive. made : when, "" for one without a result"""
+    """What is new of one drive."""
 
-    made: str = ""
     jobs: Rows = field(default_factory=list)
     metrics: Rows = field(default_factory=list)
-    events: pa.Table | None = None
+    events: pa.Table = field(default_factory=SCHEMAS["events"].empty_table)
+
+    def counts(self) -> Mapping[str, int]:
+        """Rows by name."""
+        return {"jobs": len(self.jobs), "metrics": len(self.metrics), "events": self.events.num_rows}
 
 
-def _part(root: Root, key: str, failure: dict[str, Any] | None, scratch: Path) -> _Part:
-    if failure is not None:
-        return _Part(jobs=[failure])
-    manifest = root.manifest(key)
-    if manifest is None:
+def _part(root: Root, key: str, row: int, failed: Mapping[str, dict[str, Any]], scratch: Path) -> _Part:
+    if key in failed:
+        return _Part([failed[key]])
+    if row != _UNKNOWN:
+        return _Part()
+    stamp, manifest = root.stamp(key), root.manifest(key)  # in this order: what changes in between is read once more
+    if stamp is None or manifest is None:
         return _Part()
     vehicle, drive = (unquote(part.partition("=")[2]) for part in key.split("/"))
     named = {"vehicle": vehicle, "drive": drive}
     learnt = [{**named, "step": step["id"], **row} for step in manifest["steps"] for row in step["metrics"]]
-    events = None
+    events = SCHEMAS["events"].empty_table()
     if any(step["rows"].get("events") for step in manifest["steps"]):
         found = _events(root, key, manifest["store"], scratch)
         columns = {name: pa.array([text] * found.num_rows, pa.string()) for name, text in named.items()}
         columns |= {name: found[name] for name in found.column_names}
-        events = pa.table([columns[name] for name in _SCHEMAS["events"].names], _SCHEMAS["events"])
-    return _Part(manifest["environment"]["started"], [{**named, **_facts(manifest)}], learnt, events)
+        events = pa.table([columns[name] for name in SCHEMAS["events"].names], SCHEMAS["events"])
+    job = {**named, **_facts(manifest), "events": events.num_rows, "metrics": len(learnt), **_seen(stamp)}
+    return _Part([job], learnt, events)
+
+
+def _seen(stamp: Stamp) -> dict[str, int | None]:
+    """The manifest's size and time of change, where a later change of it is sure to show in them."""
+    settled = is_settled(stamp, time.time_ns())
+    return {"manifest_bytes": stamp[0] if settled else None, "manifest_modified": stamp[1] if settled else None}
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -204,6 +184,7 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, Any]:
         "pipeline": manifest["pipeline"]["name"],
         "recon": manifest["recon"],
         "versions": to_json(versions, sort_keys=True),
+        "made_of": manifest.get("made_of"),
     }
 
 
@@ -217,5 +198,19 @@ def _events(root: Root, key: str, store: str, scratch: Path) -> pa.Table:
         return mcap.read_file(fetch(root.place / key / "streams.mcap", Path(folder)))["events"]
 
 
-def _table(name: str, rows: Rows) -> pa.Table:
-    return pa.Table.from_pylist(rows, _SCHEMAS[name])
+def _table(name: str, rows: Sequence[int], parts: Sequence[_Part], older: Older) -> pa.Table:
+    """Rows of one file for some drives in their order, taken over and new ones."""
+    taken, counts = older.take([row for row in rows if row >= 0])
+    if name == "events":
+        new = pa.concat_tables([part.events for part in parts])
+    else:
+        new = pa.Table.from_pylist([row for part in parts for row in getattr(part, name)], SCHEMAS[name])
+    if not new.num_rows:
+        return taken
+    drive = np.concatenate(
+        [
+            np.repeat(np.flatnonzero(np.array(rows) >= 0), counts),
+            np.repeat(np.arange(len(parts)), [part.counts()[name] for part in parts]),
+        ]
+    )
+    return pa.concat_tables([taken, new]).take(pa.array(np.argsort(drive, kind="stable")))

@@ -8,7 +8,6 @@ depends on, so that a batch that goes on finds what is done without taking every
 from __future__ import annotations
 
 import hashlib
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,8 +44,6 @@ from recon.tables import vector
 
 _HEAD: Final = 200
 """Bytes of a manifest in which `made_of` stands."""
-_ENVIRONMENT: Final = b'\n "environment": {'
-_STARTED: Final = re.compile(rb'\n  "started": "([0-9T:.+-]+)"')
 
 
 class InputChanged(DataError):
@@ -164,17 +161,9 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def made_when(text: bytes, mark: str) -> str | None:
-    """When a result was made, where it is made of `mark`; None where it is not, or the manifest is not whole.
-
-    text : manifest.json as it is kept
-    """
-    if f'"made_of": "{mark}"'.encode() not in text[:_HEAD] or not text.endswith(b"}\n"):
-        return None
-    found = _STARTED.search(text, max(text.rfind(_ENVIRONMENT), 0))
-    if found is None:
-        return None
-    return found[1].decode()
+def is_made_of(text: bytes, mark: str) -> bool:
+    """Is this manifest, as it is kept, whole and that of a result made of `mark`?"""
+    return f'"made_of": "{mark}"'.encode() in text[:_HEAD] and text.endswith(b"}\n")
 
 
 @cache

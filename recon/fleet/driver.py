@@ -19,8 +19,9 @@ from typing import Any, Final, TypeAlias
 import recon
 from recon.batch import BatchFile, parse, plan_batch
 from recon.errors import ConfigError
-from recon.fleet.compaction import Failure, compact, failed_before, is_current
-from recon.fleet.drive_job import DriveJob, made_how, made_of, made_when
+from recon.fleet.compacted import Index, failed_before, read_index
+from recon.fleet.compaction import Failure, compact
+from recon.fleet.drive_job import DriveJob, is_made_of, made_how, made_of
 from recon.fleet.inputs import Drive, Drives, find
 from recon.fleet.places import Place, Stamp, fetch
 from recon.fleet.root import Root, root_of
@@ -150,40 +151,42 @@ def _executor(batch: BatchFile, asked: str, registry: Registry) -> tuple[Executo
     return stage, params
 
 
-def remaining(fleet: Fleet, drives: Drives, *, verify: bool = False) -> tuple[Drives, dict[str, str]]:
-    """The drives that are to be done, and the time of making by key of those that are.
+def remaining(fleet: Fleet, drives: Drives, index: Index, *, verify: bool = False) -> Drives:
+    """The drives that are to be done.
 
-    verify : hold what is there to the hashes in its manifest too
+    index : of the files that tell of results; verify : hold what is there to the hashes in its manifest too
     """
     if not fleet.batch.resume:
-        return drives, {}
+        return drives
     mask: list[bool] = []
-    made: dict[str, str] = {}
     source = iter(drives)
     with ThreadPoolExecutor(LOOKERS) as pool:
         at_once = map if fleet.root.place.is_local else pool.map
         while chunk := list(islice(source, AT_ONCE)):
-            for drive, when in zip(chunk, at_once(lambda one: _made(fleet, one, verify=verify), chunk), strict=True):
-                mask.append(when is None)
-                if when is not None:
-                    made[drive.key] = when
-    return drives.where(mask), made
+            mask += at_once(lambda one: not _is_done(fleet, one, index, verify=verify), chunk)
+    return drives.where(mask)
 
 
-def _made(fleet: Fleet, drive: Drive, *, verify: bool) -> str | None:
-    """When the result of a drive was made; None where it is to be made: it is not there, or not what would be made."""
-    text = fleet.root.manifest_text(drive.key)
-    if text is None or drive.stamp is None:
-        return None
-    when = made_when(text, fleet.mark(drive, drive.stamp))
-    if when is None or not verify:
-        return when
-    found = fleet.root.manifest(drive.key)
-    return when if found is not None and _verified(fleet.root, drive, found) else None
+def _is_done(fleet: Fleet, drive: Drive, index: Index, *, verify: bool) -> bool:
+    """Is the result of a drive there, and what would be made?"""
+    key = drive.key
+    seen = fleet.root.stamp(key)
+    if seen is None or drive.stamp is None:
+        return False
+    mark = fleet.mark(drive, drive.stamp)
+    row = index.row(key, seen)
+    if row is not None and not verify:
+        return bool(index.made_of[row] == mark.encode())
+    if not is_made_of(fleet.root.manifest_text(key) or b"", mark):
+        return False
+    return not verify or _verified(fleet.root, drive)
 
 
-def _verified(root: Root, drive: Drive, manifest: Mapping[str, Any]) -> bool:
+def _verified(root: Root, drive: Drive) -> bool:
     """Have the input and the result the hashes that the manifest says?"""
+    manifest = root.manifest(drive.key)
+    if manifest is None:
+        return False
     with TemporaryDirectory(prefix="recon-") as folder:
         scratch = Path(folder)
         (described,) = manifest["inputs"]
@@ -209,12 +212,14 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
     """
     drives = chosen(fleet, only)
     with fleet.root.prepared():
-        todo, made = remaining(fleet, drives, verify=verify)
-        told(State(len(todo), len(made)))
-        before = _failed_before(fleet, made)
+        index = read_index(fleet.root)
+        todo = remaining(fleet, drives, index, verify=verify)
+        kept = len(drives) - len(todo)
+        told(State(len(todo), kept))
+        before = _failed_before(fleet)
         failures: list[Failure] = []
         done = superseded = 0
-        with closing(_outcomes(fleet, todo, len(made), told)) as outcomes:
+        with closing(_outcomes(fleet, todo, kept, told)) as outcomes:
             for drive, outcome in outcomes:
                 before.pop(drive.key, None)
                 done += outcome.ok
@@ -224,16 +229,15 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
                 superseded += fleet.root.set_aside(drive.key)
                 if fleet.batch.on_error == "stop":
                     break
-        if len(todo) or before or not is_current(fleet.root, made):
-            compact(fleet.root, {**before, **{failure.drive.key: failure.row() for failure in failures}})
-    return Report(done, len(made), failures, stopped=done + len(failures) < len(todo), superseded=superseded)
+        compact(fleet.root, index, {**before, **{failure.drive.key: failure.row() for failure in failures}})
+    return Report(done, kept, failures, stopped=done + len(failures) < len(todo), superseded=superseded)
 
 
-def _failed_before(fleet: Fleet, made: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Rows of drives that failed the last time, that the batch still names and that were not done since, by key."""
+def _failed_before(fleet: Fleet) -> dict[str, dict[str, Any]]:
+    """Rows of drives that failed the last time and that the batch still names, by key."""
     rows = failed_before(fleet.root)
     named = {drive.key for drive in fleet.drives if drive.key in rows} if rows else set()
-    return {key: row for key, row in rows.items() if key in named and key not in made}
+    return {key: row for key, row in rows.items() if key in named}
 
 
 def chosen(fleet: Fleet, only: str) -> Drives:

@@ -9,6 +9,7 @@ no reader of the dataset looks.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
@@ -21,7 +22,7 @@ from typing import Any, Final
 
 from recon.errors import StorageError
 from recon.fleet.lock import leased, locked
-from recon.fleet.places import Place, below, files_below, without_query
+from recon.fleet.places import Place, Stamp, below, files_below, stamp, without_query
 from recon.storage.atomic import MANIFEST, MARK, refuse_existing, storage_errors
 
 SCRATCH: Final = ".scratch"
@@ -63,6 +64,10 @@ class Root(ABC):
             return None
         return found if isinstance(found, dict) and MARK in found else None
 
+    def stamp(self, key: str) -> Stamp | None:
+        """Size and time of change of a manifest; None where there is none. Raises OSError."""
+        return stamp(self.place / key / MANIFEST)
+
     def manifest_text(self, key: str) -> bytes | None:
         """As `manifest`, not taken apart."""
         path = (self.place / key / MANIFEST).path
@@ -94,6 +99,14 @@ class LocalRoot(Root):
     def folder(self) -> Path:
         """The root."""
         return Path(self.place.path)
+
+    def stamp(self, key: str) -> Stamp | None:
+        """As for every root; a hundred thousand times."""
+        try:
+            found = os.stat(f"{self.place.path}/{key}/{MANIFEST}")  # noqa: PTH116 - a Path takes longer than the disk
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        return found.st_size, found.st_mtime_ns
 
     def manifest_text(self, key: str) -> bytes | None:
         """As for every root."""

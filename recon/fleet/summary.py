@@ -8,7 +8,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from recon.errors import ReadFailed
-from recon.fleet.compaction import JOBS, OK
+from recon.fleet.compacted import JOBS, OK
 from recon.fleet.places import Place
 
 WORST: Final = 10
