@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
 
 from recon import DataError, Streams, select_rows, time_ns, with_meta
+from recon.aiding import AidTrust, aids_of
 from recon.driving import Observed, drive_of, measured, observe, solve
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
@@ -23,6 +24,7 @@ from recon.numerics.smoothing.arrival import Arrival
 from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances
 from recon.numerics.smoothing.start import continued
 from recon.numerics.smoothing.state import State
+from recon.units import duration_text
 from recon_fusers import _map_tables as tables
 from recon_fusers.map import model_of, noise_of, trust_of
 
@@ -44,17 +46,19 @@ _MOVES_S: Final = 60.0
 """s by which the window moves at once."""
 _HEADING: Final = np.radians(3.0)
 """Largest sigma of a heading with which it begins."""
+_PAUSE_S: Final = 1800.0
+"""s without the imu after which it starts anew; over shorter ones the drive is one."""
+_TAKEN: Final = ("imu", "gnss", "wheel", "baro")
 _FIXES_KEPT: Final = 5
 """Rows of GNSS that stay, however old: they tell which columns the receiver fills."""
 
 
 @dataclass(frozen=True)
 class _Held:
-    """What is known of the window's first row: the state and its information, the noise, the origin of the axes."""
+    """What is known of the window's first row: the state and its information, and the noise."""
 
     arrival: Arrival
     noise: Noise
-    anchor: Anchor
 
 
 class LiveMap:
@@ -73,24 +77,40 @@ class LiveMap:
         self.learn_at_s = _FIRST_S
         self.noise: Noise | None = None
         self.awaits = "rows of imu and gnss"
+        self.anchor: Anchor | None = None
         if saved is not None:
             self._restore(saved)
 
     def advance(self, new: Mapping[str, pa.Table]) -> Streams:
-        """Take rows of imu, gnss and wheel that follow those given before.
+        """Take rows of imu, gnss, wheel and baro that follow those given before.
 
         returns : `trajectory`, rows that are final, and `latest`, one row, the newest that is known; {} before the
             start is found
         """
-        for name in ("imu", "gnss", "wheel"):
+        before = self._end_before_pause(new["imu"]) if "imu" in new else {}
+        for name in _TAKEN:
             if name in new:
                 self._append(name, new[name])
-        return self._told(self.lag)
+        return before or self._told(self.lag)
 
     def finish(self) -> Streams:
         """The rest of `trajectory`, where no more rows will come."""
         told = dict(self._told(0.0))
         told.pop("latest", None)
+        return told
+
+    def _end_before_pause(self, imu: pa.Table) -> Streams:
+        """The rest of `trajectory`, and a new start, where so long a pause follows that the box may have been moved."""
+        old = self.streams.get("imu")
+        if old is None or not old.num_rows or not imu.num_rows:
+            return {}
+        pause_ns = int(time_ns(imu)[0] - time_ns(old)[-1])
+        if pause_ns < _PAUSE_S * 1e9:
+            return {}
+        told = self.finish()
+        self.held = self.guess = None
+        self._forget_before(int(time_ns(imu)[0]))
+        self.awaits = f"a new start after a pause of {duration_text(pause_ns * 1e-9)}"
         return told
 
     def _told(self, lag: float) -> Streams:
@@ -121,13 +141,16 @@ class LiveMap:
         fresh = select_rows(new, time_ns(new) > last)
         self.streams[name] = fresh if old is None else pa.concat_tables([old, fresh.cast(old.schema)])
 
-    def _window(self, anchor: Anchor | None) -> tuple[Drive, Observed, int]:
+    def _window(self, fewest_fixes: int) -> tuple[Drive, Observed, int]:
+        """The drive in the window; its axes keep the origin of the first, whatever has left it since."""
         imu = measured(self.streams["imu"])
         start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
-        gnss = self.streams["gnss"] if anchor is None else _about(self.streams["gnss"], anchor)
+        gnss = self.streams["gnss"] if self.anchor is None else _about(self.streams["gnss"], self.anchor)
         observed = observe(gnss, start_ns, trust_of(self.params), self.params.reported_sigmas)
-        fewest = 3 if anchor is None else 0
-        return drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest_fixes=fewest), observed, start_ns
+        drive = drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest_fixes=fewest_fixes)
+        trust = AidTrust(self.params.baro_noise, self.params.baro_walk)
+        aids, _ = aids_of(imu, self.streams.get("baro"), None, None, observed, start_ns, trust)
+        return replace(drive, aids=aids), observed, start_ns
 
     def _begin(self) -> tuple[Estimate | None, Observed | None]:
         """The whole window at once, as fuser.map does; None where it does not tell enough yet."""
@@ -140,20 +163,21 @@ class LiveMap:
             return None, None
         self._forget_before(int(at[-1]) - round(_WHOLE_S * 1e9))
         learn = self.noise is None or length_s >= self.learn_at_s
-        drive, observed, _ = self._window(None)
+        drive, observed, _ = self._window(3)
         noise = noise_of(self.params, observed) if self.noise is None else self.noise
         found = solve(drive, model_of(self.params, None), noise, learn and self.params.estimate_noise)
         if sigmas(found)[8, -1] > _HEADING:
             self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
             sigma = np.degrees(sigmas(found)[8, -1])
-            self.awaits = f"the heading, known to {sigma:.0f} deg: driving and turning tell it"
+            self.awaits = f"the heading, known to {sigma:.0f} deg after {length_s:.0f} s: driving and turning tell it"
             return None, None
         if learn:
             self.noise, self.learn_at_s = found.solved.noise, _GROWS * length_s
+        self.anchor = observed.anchor
         return found, observed
 
     def _go_on(self, held: _Held) -> tuple[Estimate | None, Observed | None]:
-        drive, observed, start_ns = self._window(held.anchor)
+        drive, observed, start_ns = self._window(0)
         smoother = Smoother(drive, model_of(self.params, None), held.arrival)
         knots_ns = start_ns + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
         state = held.arrival.state
@@ -193,7 +217,7 @@ class LiveMap:
         arrival = Arrival.of(
             last, part.covariance[-1], part.cross[-1], part.covariance_common, smoother.free, part.solved.moved_lag
         )
-        self.held = _Held(arrival, found.solved.noise, observed.anchor)
+        self.held = _Held(arrival, found.solved.noise)
         start_ns = int(time_ns(imu)[0])
         knots_ns = start_ns + np.rint(knots * 1e9).astype(np.int64)
         self.guess = (knots_ns[k:], knots_of(found.solved.state, slice(k, len(knots) - 1)))
@@ -208,7 +232,7 @@ class LiveMap:
 
     def saved(self) -> bytes:
         """What `LiveMap` goes on from; b"" before the start is found. Rows from `since_ns` on are needed again."""
-        if self.held is None:
+        if self.held is None or self.anchor is None:
             return b""
         arrival, noise = self.held.arrival, self.held.noise
         file = io.BytesIO()
@@ -218,7 +242,7 @@ class LiveMap:
             "information": arrival.information,
             "free": arrival.free,
             "moved_lag": arrival.moved_lag,
-            "anchor": np.array(astuple(self.held.anchor)),
+            "anchor": np.array(astuple(self.anchor)),
             "times_ns": np.array([self.since_ns, self.given_ns]),
         }
         np.savez(file, **kept)
@@ -232,7 +256,7 @@ class LiveMap:
         sizes: dict[str, Any] = {name: size if size.ndim else float(size) for name, size in saved_sizes.items()}
         noise = Noise(**sizes)
         arrival = Arrival(state, kept["information"], kept["free"], float(kept["moved_lag"]))
-        self.held = _Held(arrival, noise, Anchor(*kept["anchor"].tolist()))
+        self.held, self.anchor = _Held(arrival, noise), Anchor(*kept["anchor"].tolist())
         self.since_ns, self.given_ns = kept["times_ns"].tolist()
         self.awaits = "rows that come after those it knows"
 

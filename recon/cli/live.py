@@ -107,7 +107,7 @@ class _Teller:
         self.pause, self.as_json, self.shown = pause, as_json, shown
         self._latest: pa.Table | None = None
         self._told_at = self._reason_at = -math.inf
-        self._bad = 0
+        self._bad = self._wrong = 0
 
     def take(self, told: Streams) -> None:
         """What a step of a session told."""
@@ -126,9 +126,11 @@ class _Teller:
                 console.write_error(f"waiting for {session.awaits}")
             else:
                 self._write({**_gnss_facts(session.heard), "waiting_for": session.awaits})
-        if len(session.bad) > self._bad:
-            console.write_error(f"{session.bad[self._bad]}: left out")
-            self._bad = len(session.bad)
+        for line in session.bad[self._bad :][:1]:
+            console.write_error(f"{line}: left out")
+        for note in session.clock.wrong[self._wrong :][:1]:
+            console.write_error(note)
+        self._bad, self._wrong = len(session.bad), len(session.clock.wrong)
 
     def _tell(self) -> None:
         if self._latest is not None:

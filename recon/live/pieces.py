@@ -56,6 +56,17 @@ class Pieces:
         """Does the last piece begin with rows of earlier ones?"""
         return bool(self._before)
 
+    @property
+    def alone(self) -> bytes:
+        """The last piece without rows of earlier ones."""
+        return (self._header or b"") + self._given
+
+    def forget(self) -> None:
+        """Later pieces do not begin with rows from before the last one."""
+        if self._lines is not None:
+            self._lines += self._before.count(b"\n")
+        self._before = b""
+
     def line(self, number: int | None) -> int | None:
         """Line of the log, from one that is counted in the last piece; None where it is not known."""
         header = (self._header or b"").count(b"\n")

@@ -21,6 +21,7 @@ import pyarrow as pa
 from recon import __version__
 from recon.check import check
 from recon.errors import ConfigError, ReadFailed
+from recon.live.clock import Clock, times_of
 from recon.live.output import GrowingResult
 from recon.live.pieces import Pieces
 from recon.live.sources import ByteSource, GrowingFile, open_source
@@ -96,7 +97,7 @@ class Session:
         self.resumed = kept is not None and self._file is not None
         self.live: Live = _live(steps, lag, kept.saved if kept is not None and self.resumed else None)
         self._begins: list[tuple[int, int]] = []
-        self._until: dict[str, int] = {}
+        self.clock = Clock()
         self._kept_ns = 0
         self._heard: pa.Table | None = None
         self.bad: list[str] = []
@@ -110,7 +111,7 @@ class Session:
     @property
     def awaits(self) -> str:
         """What is missing before the fuser can tell anything; "" where it does."""
-        return self.live.awaits if self._until else f"the first row of {self.source.name}"
+        return self.live.awaits if self.clock.newest_ns is not None else f"the first row of {self.source.name}"
 
     @property
     def heard(self) -> pa.Table | None:
@@ -131,6 +132,7 @@ class Session:
             yield from self._take(self._pieces.cut(data))
         if last:
             yield from self._take(self._pieces.last())
+            self.clock.end()
             if not self.result.begun:
                 raise ReadFailed(self.source.name, "no row of a log came", hint="is it the right source?")
             rest = self.live.finish()
@@ -147,16 +149,17 @@ class Session:
     @property
     def warnings(self) -> list[str]:
         """What the user should know before he believes the result."""
-        if not self.bad:
-            return []
         lines = "1 line" if len(self.bad) == 1 else f"{len(self.bad)} lines"
-        return [f"{lines} that could not be read left out, the first: {self.bad[0]}"]
+        unread = [f"{lines} that could not be read left out, the first: {self.bad[0]}"] if self.bad else []
+        more = f" ({len(self.clock.wrong) - 1} more of this kind)" if len(self.clock.wrong) > 1 else ""
+        return unread + [f"{note}{more}" for note in self.clock.wrong[:1]]
 
     def _take(self, piece: bytes) -> Iterator[Streams]:
         read, begins = self._read(piece), self._pieces.begins
         if read is None:
             return
-        streams = {name: self._news(name, read[name]) for name in read if name in self.steps.fuser.stage.reads}
+        known = {name: read[name] for name in read if name in self.steps.fuser.stage.reads}
+        streams = self.clock.fresh(known, self._pieces.overlaps)
         if "imu" in streams and streams["imu"].num_rows:
             self._begins.append((int(time_ns(streams["imu"])[0]), begins))
         for part in _in_steps(streams):
@@ -185,6 +188,8 @@ class Session:
                 told = ReadFailed(self.source.name, what, line=line, column=error.column, hint=hint)
                 if error.line is None:
                     raise told from error
+                if (behind := self._set_back(path)) is not None:
+                    return behind
                 try:
                     piece = self._pieces.without(error.line)
                 except IndexError:
@@ -192,15 +197,21 @@ class Session:
                 self.bad.append(str(told).splitlines()[0])
         raise ReadFailed(self.source.name, f"{_MOST_BAD} lines cannot be read, the last: {self.bad[-1]}")
 
-    def _news(self, name: str, table: pa.Table) -> pa.Table:
-        """The rows later than those that were taken; of a piece that overlaps, the first may be a value held over."""
-        at_ns = time_ns(table)
-        fresh = at_ns > self._until.get(name, np.iinfo(np.int64).min)
-        if self._pieces.overlaps:
-            fresh[:1] = False
-        if fresh.any():
-            self._until[name] = int(at_ns[fresh][-1])
-        return select_rows(table, fresh)
+    def _set_back(self, path: Path) -> Recording | None:
+        """The rows of a piece that cannot be read behind earlier ones, for their clock was set back; else None."""
+        newest = self.clock.newest_ns
+        if newest is None or not self._pieces.overlaps:
+            return None
+        path.write_bytes(self._pieces.alone)
+        try:
+            read = read_one(self.steps.reader, path, self.registry)
+        except ReadFailed:
+            return None
+        at_ns = times_of({name: read[name] for name in read if name in self.steps.fuser.stage.reads})
+        if not len(at_ns) or at_ns[-1] >= newest:
+            return None
+        self._pieces.forget()
+        return read
 
     def _keep(self) -> None:
         """What a later session goes on from, whenever that has changed."""
@@ -225,12 +236,10 @@ def _in_steps(streams: Streams) -> Iterator[Streams]:
     filled = [time_ns(table) for table in streams.values() if table.num_rows]
     if not filled:
         return
-    first, last = min(int(at[0]) for at in filled), max(int(at[-1]) for at in filled)
-    for start in range(first, last + 1, _STEP_NS):
-        stop = start + _STEP_NS
+    first = min(int(at[0]) for at in filled)
+    for step in np.unique(np.concatenate([(at - first) // _STEP_NS for at in filled])).tolist():
         yield {
-            name: select_rows(table, (time_ns(table) >= start) & (time_ns(table) < stop))
-            for name, table in streams.items()
+            name: select_rows(table, (time_ns(table) - first) // _STEP_NS == step) for name, table in streams.items()
         }
 
 

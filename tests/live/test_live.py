@@ -244,3 +244,36 @@ def test_a_live_view_is_a_recording_that_rerun_verifies(lines, tmp_path):
         [sys.executable, "-m", "rerun_cli", "rrd", "verify", str(rrd)], capture_output=True, check=False
     )
     assert verified.returncode == 0, verified.stderr
+
+
+def test_rows_whose_times_are_far_ahead_do_not_end_the_run(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    ahead = [f"{float(line.split(maxsplit=1)[0]) + 1800:.4f}\t{line.split(maxsplit=1)[1]}" for line in lines[300:302]]
+    log.write_text("\n".join([*lines[:300], *ahead]) + "\n")
+    registry = Registry.installed()
+    session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
+    list(session.new())
+    with log.open("a") as file:
+        file.write("\n".join(lines[302:402]) + "\n")
+    list(session.new(last=True))
+    session.close()
+    assert recon.read(out)["imu"].num_rows == 399
+    (warned,) = session.warnings
+    assert "far ahead" in warned
+    assert "1 more" in warned
+
+
+def test_a_clock_that_is_set_back_is_told_and_ends_nothing(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:402]) + "\n")
+    registry = Registry.installed()
+    session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
+    list(session.new())
+    for first in (202, 302, 402):  # ten seconds back, for two hundred rows
+        with log.open("a") as file:
+            file.write("\n".join(lines[first : first + 100]) + "\n")
+        list(session.new())
+    list(session.new(last=True))
+    session.close()
+    assert recon.read(out)["imu"].num_rows == 501
+    assert ["set back" in note for note in session.warnings] == [True]

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from recon.numerics.signals import interpolate
-from recon.tables import matrix, select_rows, time_ns
+from recon.tables import matrix, meta, replace, select_rows, time_ns, times
 from recon_fusers._map_live import LiveMap
 from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
@@ -111,3 +111,36 @@ def test_it_goes_on_through_an_outage(drive):
     sigma = np.hypot(*matrix(rows, "pos_std")[:, :2].T)
     seen = (time_ns(rows) - zero_ns) * 1e-9
     assert sigma[(seen > 360.0) & (seen < 375.0)].mean() > sigma[(seen > 300.0) & (seen < 320.0)].mean()
+
+
+def test_after_hours_without_the_imu_it_starts_anew_about_the_same_origin(drive):
+    zero_ns, pause_ns = int(time_ns(drive["imu"])[0]), 7_200 * 10**9
+    live, parts = LiveMap(PARAMS, LAG), []
+    parts.append(follow(live, drive, 0.0, 210.0))
+    for start in np.arange(220.0, 421.0, 10.0):
+        later = {name: between(drive[name], start, start + 10.0, zero_ns) for name in ("imu", "gnss")}
+        later = {name: replace(table, time=times(time_ns(table) + pause_ns)) for name, table in later.items()}
+        told = live.advance(later)
+        parts += [told["trajectory"]] if "trajectory" in told else []
+        if start == 220.0:
+            assert live.awaits == "a new start after a pause of 2 h"
+            assert time_ns(parts[-1])[-1] == time_ns(between(drive["imu"], 0.0, 210.0, zero_ns))[-1]
+    assert len({str(meta(part)["anchor"]) for part in parts}) == 1
+    found = between(pa.concat_tables(parts), 7_200.0, 1e9, zero_ns)
+    true = interpolate(time_ns(found) - pause_ns, time_ns(drive["reference"]), matrix(drive["reference"], "pos"))
+    sigma = np.sqrt(np.mean(matrix(found, "pos_std")[:, :2] ** 2))
+    assert np.sqrt(np.mean((matrix(found, "pos") - true)[:, :2] ** 2)) < 4.0 * sigma
+
+
+def test_a_barometer_tells_climbs():
+    params = DriveParams(
+        motion="country", duration=150.0, imu_rate=25.0, baro_rate=5.0, gnss_vector=False, seed=1, route=1
+    )
+    hills = simulate_drive(params)
+    errors = []
+    for left_out in ("baro", ""):
+        live = LiveMap(PARAMS, LAG)
+        told = live.advance({name: hills[name] for name in ("imu", "gnss", "baro") if name != left_out})["trajectory"]
+        true = interpolate(time_ns(told), time_ns(hills["reference"]), matrix(hills["reference"], "vel"))
+        errors.append(float(np.sqrt(np.mean((matrix(told, "vel") - true)[:, 2] ** 2))))
+    assert errors[1] < errors[0]
