@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recon import Array, Metric, has, time_ns, vector, warning
 from recon.agreement import agreement, as_metrics
 from recon.driving import Observed
-from recon.numerics.smoothing import Estimate
+from recon.numerics.smoothing import Estimate, Noise
 
 _REJECTED: Final = 0.2
 """Share of fixes put aside, beyond which the rest is in doubt, too."""
@@ -21,14 +21,19 @@ _LARGE_RESIDUAL: Final = 2.0
 """Root mean square of accepted residuals in sigmas."""
 _LARGE_DRIFT: Final = (20.0, 5.0)
 """m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
+_LARGE_NOISE: Final = 100.0
+"""Times the noise that was expected of the IMU, beyond which it is the model that does not fit."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
 """m/s; whoever drives faster drives forward."""
 
 
-def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:
-    """Warnings, and how the speed of the trajectory compares with that of the receiver. An honest result has none."""
+def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table, expected: Noise) -> list[Metric]:
+    """Warnings, and how the speed of the trajectory compares with that of the receiver. An honest result has none.
+
+    expected : noise before any was estimated
+    """
     solved, fixes = found.solved, observed.fixes
     notes = []
     if not solved.converged:
@@ -37,13 +42,30 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
         notes.append("no GNSS positions: latitude and longitude are 0 or missing in every row, as without a fix")
     notes += _misfit("positions", fixes.pos_sigma, solved.pos_weight, solved.pos_residual, found)
     notes += _misfit("velocities", fixes.vel_sigma, solved.vel_weight, solved.vel_residual, found)
-    drift, expected = float(solved.noise.drift[0]), float(observed.drift[0])
-    if drift > max(_LARGE_DRIFT[0], _LARGE_DRIFT[1] * expected):
+    drift, usual = float(solved.noise.drift[0]), float(observed.drift[0])
+    if drift > max(_LARGE_DRIFT[0], _LARGE_DRIFT[1] * usual):
         notes.append(
-            f"GNSS positions stray by {drift:.0f} m from where the motion leads, {expected:.1f} m were expected: "
+            f"GNSS positions stray by {drift:.0f} m from where the motion leads, {usual:.1f} m were expected: "
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
+    notes += _misfit_of_imu(solved.noise, expected)
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
+
+
+def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
+    """Does the IMU contradict the motion by more than any noise explains?"""
+    sizes = {
+        name: getattr(noise, name) / getattr(expected, name) for name in ("gyro", "accel", "gyro_walk", "accel_walk")
+    }
+    worst = max(sizes, key=lambda name: sizes[name])
+    if sizes[worst] <= _LARGE_NOISE:
+        return []
+    sensor = worst.split("_")[0]
+    what = "random walk of the bias" if worst.endswith("walk") else "noise"
+    return [
+        f"{sensor} and GNSS contradict each other: the {what} comes out {sizes[worst]:.0f} times what was expected: "
+        f"take care; does it roll on wheels, not lean? {_ASK}"
+    ]
 
 
 def _misfit(name: str, sigma: Array, weight: Array, residual: Array, found: Estimate) -> list[str]:

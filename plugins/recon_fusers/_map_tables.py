@@ -269,6 +269,8 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
     rows = [
         Metric("gyro_noise", float(np.degrees(noise.gyro)), "deg/s/sqrt(Hz)", note="in the moving vehicle"),
         Metric("accel_noise", noise.accel, "m/s^2/sqrt(Hz)", note="in the moving vehicle"),
+        Metric("gyro_bias_walk", float(np.degrees(noise.gyro_walk)), "deg/s/sqrt(s)"),
+        Metric("accel_bias_walk", noise.accel_walk, "m/s^2/sqrt(s)"),
     ]
     if np.isfinite(fixes.pos_sigma).any():
         rows += [

@@ -169,9 +169,10 @@ def fuse_map(
         model = replace(model, camera=params.camera_sigma, camera_lever=lever, camera_lever_sigma=lever_sigma)
     if not params.wheels and len(drive.wheel_t_s) > 1:
         aids = (*aids, Speed(drive.wheel_t_s, np.abs(drive.wheel_speed), model.wheel_speed))
-    found = solve(replace(drive, aids=aids), model, noise_of(params, observed), params.estimate_noise)
+    expected = noise_of(params, observed)
+    found = solve(replace(drive, aids=aids), model, expected, params.estimate_noise)
     trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
-    learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss)]
+    learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss, expected)]
     return {
         "trajectory": trajectory,
         "knots": knots(found, imu, trajectory),

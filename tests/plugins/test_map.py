@@ -225,3 +225,9 @@ def test_latitude_and_longitude_in_each_others_place_are_doubted(streams):
 
     notes = warnings_of(fused(streams, edit)["metrics"])
     assert any("are lat and lon right?" in note for note in notes)
+
+
+def test_noise_far_beyond_what_was_expected_is_a_doubt(streams):
+    told = {"gyro_noise": 1e-3 * np.radians(0.01), "accel_noise": 1e-3 * 150e-6 * 9.80665}
+    notes = warnings_of(fused(streams, **told)["metrics"])
+    assert any("contradict each other" in note for note in notes)

@@ -293,7 +293,7 @@ def test_a_gyroscope_that_wanders_far_converges_without_fixes_and_wheels_help() 
         )  # fmt: skip
         without_wheels = {name: streams[name] for name in streams if name != "wheel"}
         for given, found in ((streams, rolled), (without_wheels, alone)):
-            result = fused(given, gyro_bias_walk=np.radians(0.01))
+            result = fused(given)
             assert warnings_of(result["metrics"]) == []
             found.append(errors(streams, result))
             assert found[-1].over_sigma(last) < 5.0

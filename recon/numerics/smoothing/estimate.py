@@ -34,6 +34,7 @@ _MOST_REJECTED: Final = 0.15
 """Share of the fixes."""
 _GROWN_FIXES, _GROWN_IMU = 1.2, 2.0
 """Growth of a size of noise after which it is estimated again."""
+_OF_IMU: Final = ("gyro", "accel", "gyro_walk", "accel_walk")
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,8 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
 def _grown(before: Noise, after: Noise) -> bool:
     """Has a size grown so much that residuals which were put aside must be looked at again?"""
     of_fixes = np.concatenate([after.position / before.position, after.velocity / before.velocity])
-    of_imu = np.array([after.gyro / before.gyro, after.accel / before.accel])
-    return bool(of_fixes.max() > _GROWN_FIXES or of_imu.max() > _GROWN_IMU)
+    of_imu = [getattr(after, name) / getattr(before, name) for name in _OF_IMU]
+    return bool(of_fixes.max() > _GROWN_FIXES or max(of_imu) > _GROWN_IMU)
 
 
 def _most_motion(smoother: Smoother) -> slice:

@@ -12,6 +12,8 @@ References
     Bar-Shalom, Li, Kirubarajan (2001), section 1.4; Särkkä (2013), "Bayesian filtering and smoothing", section 12.2.3
     (Fisher's identity, eq. 12.32); Koch (1999), "Parameter estimation and hypothesis testing in linear models",
     section 3.6 (variance components).
+    Chung, Rabe-Hesketh, Dorie, Gelman, Liu (2013), "A nondegenerate penalized likelihood estimator for variance
+    parameters in multilevel models", Psychometrika 78(4), 685-709 (a gamma prior of shape 2 on a small sigma).
 """
 
 from __future__ import annotations
@@ -30,18 +32,25 @@ from recon.numerics.smoothing.band import (
     selected_inverse,
     solve_bordered,
 )
-from recon.numerics.smoothing.constraints import add_drift
+from recon.numerics.smoothing.constraints import add_drift, add_walks
 from recon.numerics.smoothing.inertial import HERE, THERE, add_inertial, whitening
 from recon.numerics.smoothing.model import Noise
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Solved
-from recon.numerics.smoothing.state import COMMON_SIZE, DRIFT, KNOT_SIZE, SCALES
+from recon.numerics.smoothing.state import ACCEL_BIAS, COMMON_SIZE, DRIFT, GYRO_BIAS, KNOT_SIZE, SCALES
 
-_NAMES: Final = ("drift_h", "drift_v", "tau", "position_h", "position_v", "velocity_h", "velocity_v", "gyro", "accel")
-_PRIOR: Final = np.array([0.35, 0.35, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0])
+_NAMES: Final = (
+    "drift_h", "drift_v", "tau", "position_h", "position_v", "velocity_h", "velocity_v", "gyro", "accel",
+    "gyro_walk", "accel_walk",
+)  # fmt: skip
+_PRIOR: Final = np.array([0.35, 0.35, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0, 0.5, 0.5])
 """Sigma of the logarithms. Ten minutes hardly tell the size of an error that changes in two."""
+_RAISED: Final = np.array([0.0] * 9 + [1.0] * 2)
+"""Slope of the log-prior by the logarithm. What tells a walk is so little that its likeliest size is well below that
+which is right on average; this avoids the boundary at zero (Chung et al. 2013).
+"""
 _REACH: Final = 2.5
 """Bound of the logarithms."""
 _STILL_FACTOR: Final = 1.5
@@ -101,7 +110,7 @@ class Likelihood:
         self.counts = np.array([p[:2].sum(), p[2].sum(), v[:2].sum(), v[2].sum()])
 
     def __call__(self, logs: Floats) -> tuple[float, Floats]:
-        """-2 log L (up to a constant) and its gradient for logarithms (9,) of factors on the noise so far."""
+        """-2 log L (up to a constant) and its gradient for logarithms (11,) of factors on the noise so far."""
         noise = scaled_noise(self.noise, logs)
         white = whitening(self.solved.increments, *self.smoother.disturbed.densities(noise))
         total, weights = self.total, np.exp(-2.0 * logs[3:7])
@@ -111,6 +120,7 @@ class Likelihood:
             total.add(weight, part)
         drift, length = self.solved.state.drift_n, self.smoother.length
         add_drift(total, drift, length, noise.drift, noise.drift_tau)
+        add_walks(total, self.solved.state, self.smoother.disturbed.walk_s, noise.gyro_walk, noise.accel_walk)
         add_inertial(total, self.parts.inertial, white)
         cost, right, right_common = total.cost, total.border[-1].copy(), total.corner[:-1, -1].copy()
         moments, log_determinant = self._moments()
@@ -118,11 +128,13 @@ class Likelihood:
         value = cost - float((right * moments.step).sum() + right_common @ moments.step_common) + log_determinant
         value += float(2.0 * self.counts @ logs[3:7] + np.log(variance).sum() + 2.0 * np.log(noise.drift).sum())
         value -= float(2.0 * np.log(np.einsum("kii->ki", white)).sum())
+        value += 6.0 * len(length) * float(logs[9] + logs[10])
         gradient = np.zeros(len(_NAMES))
         squares = np.array([moments.squares(part) for part in self.parts.fixes])
         gradient[3:7] = 2.0 * self.counts - 2.0 * weights * squares
         gradient[0:3] = self._drift_gradient(noise, variance, moments)
         gradient[7:9] = self._inertial_gradient(noise, white, moments)
+        gradient[9:11] = self._walk_gradient(noise, moments)
         return value, gradient
 
     def _moments(self) -> tuple[Moments, float]:
@@ -171,6 +183,21 @@ class Likelihood:
         by_tau += d_variance / variance - error * d_variance / variance**2
         return np.array([by_sigma[:2].sum(), by_sigma[2], by_tau.sum()])
 
+    def _walk_gradient(self, noise: Noise, moments: Moments) -> Floats:
+        """With respect to the logarithms of the walks of gyro and accelerometer: (2,)."""
+        state, walk_s = self.solved.state, self.smoother.disturbed.walk_s
+        found = []
+        for part, now, walk in (
+            (GYRO_BIAS, state.gyro_bias, noise.gyro_walk),
+            (ACCEL_BIAS, state.accel_bias, noise.accel_walk),
+        ):
+            i = np.arange(part.start, part.stop)
+            own, moved = moments.own[:, i, i].T, moments.step[:, part].T
+            square = own[:, 1:] + own[:, :-1] - 2.0 * moments.next[:, i, i].T
+            square = square + np.diff(now) ** 2 + 2.0 * np.diff(now) * np.diff(moved)
+            found.append(2.0 * square.size - 2.0 * float((square / walk_s).sum()) / walk**2)
+        return np.array(found)
+
     def _inertial_gradient(self, noise: Noise, white: Floats, moments: Moments) -> Floats:
         """With respect to the logarithms of the densities of gyro and accelerometer: (2,)."""
         tall = self.parts.inertial
@@ -199,7 +226,7 @@ class Likelihood:
 
 
 def scaled_noise(noise: Noise, logs: Floats) -> Noise:
-    """The noise with its sizes multiplied by exp(logs): (9,), as named in _NAMES."""
+    """The noise with its sizes multiplied by exp(logs): (11,), as named in _NAMES."""
     f = np.exp(logs)
     return replace(
         noise,
@@ -209,6 +236,8 @@ def scaled_noise(noise: Noise, logs: Floats) -> Noise:
         velocity=noise.velocity * f[[5, 5, 6]],
         gyro=noise.gyro * float(f[7]),
         accel=noise.accel * float(f[8]),
+        gyro_walk=noise.gyro_walk * float(f[9]),
+        accel_walk=noise.accel_walk * float(f[10]),
     )
 
 
@@ -241,7 +270,8 @@ def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[
 
     def objective(logs: Floats) -> tuple[float, Floats]:
         value, gradient = likelihood(logs)
-        return 0.5 * (value + float(((logs / _PRIOR) ** 2).sum())), 0.5 * (gradient + 2.0 * logs / _PRIOR**2)
+        away = logs / _PRIOR
+        return 0.5 * value + float(0.5 * away @ away - _RAISED @ logs), 0.5 * gradient + away / _PRIOR - _RAISED
 
     return objective
 
@@ -251,7 +281,7 @@ def _curvature(likelihood: Likelihood) -> Floats:
     length = likelihood.smoother.length
     fixes = likelihood.counts * [1.0, 1.0, 2.0, 2.0]
     slow = float(length.sum()) * np.array([0.2, 0.1, 0.07])
-    return np.concatenate([slow, fixes, [0.8 * len(length), 0.05 * len(length)]]) + 1.0 / _PRIOR**2
+    return np.concatenate([slow, fixes, np.array([0.8, 0.05, 0.1, 0.05]) * len(length)]) + 1.0 / _PRIOR**2
 
 
 def _least(objective: Callable[[Floats], tuple[float, Floats]], curvature: Floats, low: Floats, high: Floats) -> Floats:

@@ -238,7 +238,8 @@ class Smoother:
         )
         weights, sharpness = robust_weights(squared, loss, sharpness, count)
         weights = kept_together(*weights, self.epochs.fix >= 0)
-        self._assemble(state, noise, gravity, count)
+        self._assemble(state, gravity, count)
+        add_walks(self.normal, state, self.disturbed.walk_s, noise.gyro_walk, noise.accel_walk)
         jacobian = inertial_jacobian(state, made.increments, gravity, self.earth_rate_n)
         add_inertial(self.normal, jacobian, made.white)
         add_drift(self.normal, state.drift_n, self.length, noise.drift, noise.drift_tau, begins=self.arrival is None)
@@ -291,11 +292,10 @@ class Smoother:
             body_rows(here, state, self.epochs, self.body, robust),
         )
 
-    def _assemble(self, state: State, noise: Noise, gravity: GravityField, count: int) -> None:
-        """The factors whose noise is given: walks of the biases, stops, roads, priors."""
+    def _assemble(self, state: State, gravity: GravityField, count: int) -> None:
+        """The factors whose noise is given: stops, roads, aids, priors."""
         normal, model = self.normal, self.model
         normal.clear()
-        add_walks(normal, state, self.disturbed.walk_s, noise.gyro_walk, noise.accel_walk)
         add_standing(
             normal,
             state,
@@ -327,7 +327,7 @@ class Smoother:
         ends = misclosure(state, increments, gravity, self.earth_rate_n)
         position, velocity, body = self._rows(state, ends, inside, solved.noise, robust=True)
         tall = inertial_jacobian(state, increments, gravity, self.earth_rate_n)
-        self._assemble(state, solved.noise, gravity, 4)
+        self._assemble(state, gravity, 4)
         lag = float(state.common[LAG])
         guessed = self.drive.fixes.small_only[self.epochs.fix] * solved.vel_weight
         add_measured(

@@ -77,7 +77,7 @@ class Parts:
     """The normal equations at a solution in parts.
 
     fixed : factors whose noise is given; fixes : position across and up, velocity across and up
-    inertial : (K, 9, 31), as from `inertial_jacobian`; the drift is left out
+    inertial : (K, 9, 31), as from `inertial_jacobian`; the drift and the walks of the biases are left out
     """
 
     fixed: Normal

@@ -17,7 +17,7 @@ from recon.numerics.smoothing.start import start_state
 
 Floats = np.ndarray
 NAMES = ("drift across", "drift up", "tau", "position across", "position up", "velocity across", "velocity up")
-NAMES = (*NAMES, "gyro", "accel")
+NAMES = (*NAMES, "gyro", "accel", "gyro walk", "accel walk")
 ROLLING = Log(seconds=240.0, outliers=0.03)
 CLEAN = Log(seconds=600.0)
 
@@ -33,11 +33,13 @@ def likelihood() -> Likelihood:
     return likelihood_of(sim, sim.log.noise)[1]
 
 
-@pytest.mark.parametrize("index", range(9), ids=NAMES)
+@pytest.mark.parametrize("index", range(11), ids=NAMES)
 @pytest.mark.parametrize("where", ["as told", "elsewhere"])
 def test_the_gradient_is_that_of_the_values(likelihood, index, where):
-    logs = np.zeros(9) if where == "as told" else np.array([0.4, -0.3, 0.5, -0.6, 0.4, 0.3, -0.4, 0.6, -0.5])
-    step = np.zeros(9)
+    logs = (
+        np.zeros(11) if where == "as told" else np.array([0.4, -0.3, 0.5, -0.6, 0.4, 0.3, -0.4, 0.6, -0.5, 0.7, -0.4])
+    )
+    step = np.zeros(11)
     step[index] = 1e-3
     up, down = (likelihood(logs + sign * step)[0] for sign in (1.0, -1.0))
     value, gradient = likelihood(logs)
@@ -49,30 +51,31 @@ def test_the_gradient_is_that_of_the_values(likelihood, index, where):
 
 def test_the_posterior_adds_the_prior_to_value_and_gradient():
     def flat(logs: Floats) -> tuple[float, Floats]:
-        return 3.0, np.zeros(9)
+        return 3.0, np.zeros(11)
 
     objective: Callable[[Floats], tuple[float, Floats]] = posterior(flat)
-    logs = np.linspace(-1.0, 1.0, 9)
+    logs = np.linspace(-1.0, 1.0, 11)
     value, gradient = objective(logs)
-    assert objective(np.zeros(9))[0] == pytest.approx(1.5)
+    assert objective(np.zeros(11))[0] == pytest.approx(1.5)
     assert value > 1.5
     step = 1e-6
-    for index in range(9):
-        change = np.eye(9)[index] * step
+    for index in range(11):
+        change = np.eye(11)[index] * step
         slope = (objective(logs + change)[0] - objective(logs - change)[0]) / (2.0 * step)
         assert gradient[index] == pytest.approx(slope, abs=1e-8)
 
 
 def test_logarithms_scale_what_they_are_named_for():
     noise = ROLLING.noise
-    found = scaled_noise(noise, np.log([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0]))
+    found = scaled_noise(noise, np.log([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0, 31.0]))
     assert_allclose(found.drift / noise.drift, [2.0, 2.0, 3.0])
     assert found.drift_tau / noise.drift_tau == pytest.approx(5.0)
     assert_allclose(found.position, [7.0, 7.0, 11.0])
     assert_allclose(found.velocity, [13.0, 13.0, 17.0])
     assert found.gyro / noise.gyro == pytest.approx(19.0)
     assert found.accel / noise.accel == pytest.approx(23.0)
-    assert (found.gyro_walk, found.accel_walk) == (noise.gyro_walk, noise.accel_walk)
+    assert found.gyro_walk / noise.gyro_walk == pytest.approx(29.0)
+    assert found.accel_walk / noise.accel_walk == pytest.approx(31.0)
 
 
 def told_wrong(log: Log = CLEAN, **factors: float) -> tuple[Noise, Noise]:
@@ -115,13 +118,24 @@ def test_the_noise_of_the_imu_told_wrong_is_found(factor):
         assert abs(left) < 0.5, name
 
 
+@pytest.mark.parametrize("factor", [0.2, 5.0], ids=["too small", "too large"])
+def test_walks_of_the_biases_told_wrong_are_found(factor):
+    # Walks of 2e-3 deg/s/sqrt(s) and 2 mm/s^2/sqrt(s) turn the heading by a degree, and move by a metre, in a minute,
+    # far beyond the noise: half of what was wrong must go at least, whatever the prior of exp(0.5) leaves.
+    log = replace(CLEAN, gyro_walk=np.radians(2e-3), accel_walk=2e-3)
+    true, found = told_wrong(log, gyro_walk=factor, accel_walk=factor)
+    for name in ("gyro_walk", "accel_walk"):
+        left = np.log(getattr(found, name) / getattr(true, name)) / np.log(factor)
+        assert abs(left) < 0.5, name
+
+
 def test_noise_told_right_stays():
     true, found = told_wrong()
     # Sigmas of the logarithms: 2 to 3 % where residuals are many; ten minutes tell drift and tau to 25 %, the prior
     # holds them at 35 %. Three of them.
     assert_allclose(found.velocity, true.velocity, rtol=0.12)
     assert_allclose(found.position, true.position, rtol=0.25)
-    for name in ("drift", "drift_tau", "gyro", "accel"):
+    for name in ("drift", "drift_tau", "gyro", "accel", "gyro_walk", "accel_walk"):
         ratio = np.asarray(getattr(found, name)) / getattr(true, name)
         assert (np.abs(np.log(ratio)) < 0.75).all(), name
 
