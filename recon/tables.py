@@ -61,15 +61,17 @@ def vector(table: pa.Table, name: str, *, gaps: bool = False) -> Array:
 def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
     """The columns of a group side by side: (n, k), for example (n, 3) for "accel" and (n, 4) for "q".
 
+    Each column is contiguous in memory, as in the table: sums and norms over the axes then run along the rows.
+
     gaps : as in `vector`. Raises KeyError where the group is not there.
     """
     names = spread(group, table.column_names)
     if not names:
         raise KeyError(group)
-    out = np.empty((table.num_rows, len(names)))
-    for index, name in enumerate(names):
-        out[:, index] = vector(table, name, gaps=gaps)
-    return out
+    out = np.empty((len(names), table.num_rows))
+    for column, name in zip(out, names, strict=True):
+        column[:] = vector(table, name, gaps=gaps)
+    return out.T
 
 
 def measured_axes(table: pa.Table, group: str) -> tuple[Array, list[str]]:

@@ -85,8 +85,9 @@ def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
     imu : accel m/s^2, any frame, specific force or acceleration; rows without it are left out
     """
     accel, unmeasured = measured_axes(imu, "accel")
-    known = np.isfinite(accel).all(axis=1)
-    t_ns, accel = time_ns(imu)[known], accel[known]
+    t_ns, known = time_ns(imu), np.isfinite(accel).all(axis=1)
+    if not known.all():
+        t_ns, accel = t_ns[known], accel[known]
     clips = _saturations(t_ns, clipped(accel, params.full_scale, _LEAST_CLIPPED), accel)
     learnt = [Metric("trigger", params.trigger / KM_H, "km/h", note=f"within {params.trigger_time * 1e3:g} ms")]
     if len(t_ns) < 2:
@@ -159,8 +160,10 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
 
 def _changed(t_s: Array, vel: Array, window_s: float) -> Array:
     """Size of the change of velocity (n, k) within the time before each row: (n,) m/s."""
-    earlier = np.stack([np.interp(t_s - window_s, t_s, axis) for axis in vel.T], axis=1)
-    return np.asarray(np.linalg.norm(vel - earlier, axis=1))
+    earlier_s, squared = t_s - window_s, np.zeros(len(t_s))
+    for axis in vel.T:
+        squared += (axis - np.interp(earlier_s, t_s, axis)) ** 2
+    return np.sqrt(squared)
 
 
 def _fell(zero_ns: int, t_ns: NDArray[np.int64], force: Array, params: CrashParams) -> bool:

@@ -172,13 +172,13 @@ def interpolate(t_new: ArrayLike, t: ArrayLike, y: ArrayLike, max_gap: float | N
     """
     t_new, t = _same_clock(t_new, t)
     y = np.asarray(y, dtype=np.float64)
+    known = ~np.isnan(y)
+    if len(y) and known.all():
+        return _interpolate_known(t_new, t, y, max_gap)
     result = np.full((len(t_new), *y.shape[1:]), np.nan)
-    for column, target in zip(_columns(y), _columns(result), strict=True):
-        known = ~np.isnan(column)
-        if known.all() and len(column):
-            target[:] = _interpolate_known(t_new, t, column, max_gap)
-        elif known.any():
-            target[:] = _interpolate_known(t_new, t[known], column[known], max_gap)
+    for column, numbers, target in zip(_columns(y), _columns(known), _columns(result), strict=True):
+        if numbers.any():
+            target[:] = _interpolate_known(t_new, t[numbers], column[numbers], max_gap)
     return result
 
 
@@ -238,11 +238,17 @@ def interpolate_angle(t_new: ArrayLike, t: ArrayLike, angle: ArrayLike, max_gap:
 
 
 def _interpolate_known(t_new: Times, t: Times, y: Floats, max_gap: float | None) -> Floats:
+    """As `interpolate` where y holds numbers only; each column of the result is contiguous."""
     left, right, fraction = bracket(t_new, t)
     if max_gap is not None:
         between = (fraction > 0.0) & (fraction < 1.0)
         fraction[between & (np.asarray(t[right] - t[left]) > max_gap)] = np.nan
-    return np.asarray((1.0 - fraction) * y[left] + fraction * y[right])
+    rest = 1.0 - fraction
+    result = np.empty((*y.shape[1:], len(t_new))).T
+    for column, target in zip(_columns(y), _columns(result), strict=True):
+        np.multiply(rest, column[left], out=target)
+        target += fraction * column[right]
+    return result
 
 
 def _columns(y: NDArray[Any]) -> NDArray[Any]:
