@@ -68,11 +68,15 @@ def _of_residuals(residuals: pa.Table | None, tolerance: float) -> Iterable[Metr
         yield Metric("residuals", 0.0, note="there are none")
         return
     yield Metric("residuals", float(residuals.num_rows))
-    pairs = residuals.group_by(["sensor", "component"]).aggregate([])
-    names = zip(pairs["sensor"].to_pylist(), pairs["component"].to_pylist(), strict=True)
-    for sensor, component in sorted(names, key=str):
-        rows = pc.and_(pc.equal(residuals["sensor"], sensor), pc.equal(residuals["component"], component))
-        yield from _of_component(f"{sensor}_{component}", residuals.filter(rows), tolerance)
+    for sensor, own in _parted(residuals, "sensor"):
+        for component, rows in _parted(own, "component"):
+            yield from _of_component(f"{sensor}_{component}", rows, tolerance)
+
+
+def _parted(residuals: pa.Table, name: str) -> Iterable[tuple[str, pa.Table]]:
+    """The rows of each value of a column, in the order of the values."""
+    for value in sorted(residuals[name].unique().to_pylist()):
+        yield value, residuals.filter(pc.equal(residuals[name], value))
 
 
 def _of_component(name: str, residuals: pa.Table, tolerance: float) -> Iterable[Metric]:
