@@ -287,14 +287,13 @@ def changes(y: ArrayLike) -> NDArray[np.bool_]:
     returns : (n,) bool
     """
     y = np.asarray(y)
-    rows = _columns(y).T
-    known = ~(rows != rows)  # only NaN differs from itself, whatever the type
-    number = np.arange(len(rows))[:, None]
-    last = np.maximum.accumulate(np.where(known, number, 0), axis=0)
-    held = np.take_along_axis(rows, last, axis=0)
-    news = known.copy()
-    news[1:] &= rows[1:] != held[:-1]
-    return np.asarray(news.any(axis=1))
+    news = np.zeros(len(y), dtype=bool)
+    for column in _columns(y):
+        known = np.flatnonzero(column == column)  # only NaN differs from itself, whatever the type
+        numbers = column[known]
+        news[known[:1]] = True
+        news[known[1:]] |= numbers[1:] != numbers[:-1]
+    return news
 
 
 def median_rate(t_ns: ArrayLike) -> float:
