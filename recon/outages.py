@@ -9,19 +9,25 @@ Reference: Groves (2013), "Principles of GNSS, inertial, and multisensor integra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from recon import api
 from recon.errors import NotEnoughData
 from recon.evaluation import match
 from recon.numerics.evaluation import errors
+from recon.overrides import Override
+from recon.pipeline import Pipeline
 from recon.recording import Recording
+from recon.registry import Registry
 from recon.schema import unnumbered
+from recon.stages import Reader, role_of
 from recon.tables import select_rows, time_ns
 
 APART_S: Final = 30.0
@@ -125,6 +131,57 @@ def measured(trajectory: pa.Table, truth: pa.Table, spans: Iterable[tuple[int, i
     return outages
 
 
+@dataclass(frozen=True)
+class Study:
+    """Outages by their length in s; against : what they are compared with, "reference" or "all fixes"
+
+    warnings : of the pipeline where it ran first, with all fixes, or beside a reference with the first outages
+    """
+
+    outages: Mapping[float, Sequence[Outage]]
+    against: str
+    warnings: Sequence[str]
+
+    def as_data(self) -> dict[str, Any]:
+        """As JSON holds it: statistics of each length, every outage, null for what is not known."""
+        return {
+            "against": self.against,
+            "warnings": list(self.warnings),
+            "lengths": [{"length_s": s, **statistics(some, self.against)} for s, some in self.outages.items()],
+            "outages": [_plain(one) for some in self.outages.values() for one in some],
+        }
+
+
+def study(
+    paths: Sequence[Path],
+    pipeline: Pipeline,
+    lengths: Sequence[float],
+    *,
+    most: int = 10,
+    seed: int = 0,
+    overrides: Sequence[Override] = (),
+    registry: Registry | None = None,
+) -> Study:
+    """Outages of each length in s on a log, by a pipeline that begins with a reader.
+
+    most : outages of each length; overrides : parameters of the pipeline. Raises as `recon.run`, NotEnoughData.
+    """
+    registry = registry or Registry.installed()
+    of_reader = [one for one in overrides if role_of(one.step) == Reader.role]
+    others = [one for one in overrides if one not in of_reader]
+    reading = replace(pipeline, name="outages", steps=pipeline.steps[:1])
+    log = api.execute(reading, paths, None, of_reader, registry=registry).recording
+    warnings: list[list[str]] = []
+
+    def solve(recording: Recording) -> pa.Table:
+        run = api.execute(pipeline, recording, None, others, registry=registry)
+        warnings.append(run.warnings)
+        return run.trajectory.table
+
+    outages, against = simulate(log, solve, lengths, most, seed)
+    return Study(outages, against, warnings[0])
+
+
 def simulate(
     recording: Recording,
     solve: Callable[[Recording], pa.Table],
@@ -165,6 +222,12 @@ def statistics(outages: Sequence[Outage], against: str) -> dict[str, Any]:
     told["sigma"] = _middle([one.sigma for one in outages])
     told["within_2_sigma"] = float((ratio < 2.0).mean()) if len(ratio) and against == "reference" else None
     return told
+
+
+def _plain(one: Outage) -> dict[str, Any]:
+    numbers = {name: getattr(one, name) for name in (*FIGURES, "sigma", "way")}
+    known = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+    return {"start": f"{np.datetime64(one.start_ns, 'ns')}Z", "length_s": one.length_s, **known}
 
 
 def _middle(values: Sequence[float]) -> float | None:

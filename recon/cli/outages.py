@@ -12,10 +12,7 @@ from recon.cli import _console as console
 from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from recon.outages import Outage
-    from recon.recording import Recording
+    from recon.outages import Outage, Study
 
 _HEAD: Final = (
     *("outage", "number", "way", "horizontal", "largest", "of the way", "worst inside", "vertical"),
@@ -46,50 +43,36 @@ def outages(
 
     Example: recon outages drive.txt --lengths 10,30,60 --out tunnels
     """
-    from recon import api
-    from recon.outages import simulate, statistics
+    from recon.outages import study
     from recon.pipeline import Pipeline
-    from recon.storage import refuse_existing, staged_folder
+    from recon.storage import refuse_existing
 
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    wanted = _lengths(lengths)
-    overrides = overrides_of(settings)
-    registry = registry_of(blocked, first_party_only)
-    found = Pipeline.from_file(pipeline)
-    reading = Pipeline("outages", found.steps[:1])
-    of_reader = [one for one in overrides if one.step.startswith("reader.")]
-    log = api.execute(reading, paths, None, of_reader, registry=registry).recording
-    others = [one for one in overrides if one not in of_reader]
-
-    warned: list[list[str]] = []
-
-    def solve(recording: Recording) -> pa.Table:
-        run = api.execute(found, recording, None, others, registry=registry)
-        warned.append(run.warnings)
-        return run.trajectory.table
-
-    measured, against = simulate(log, solve, wanted, most, seed)
-    data: dict[str, Any] = {
-        "paths": [str(path) for path in paths],
-        "pipeline": found.name,
-        "seed": seed,
-        "against": against,
-        "warnings": warned[0],
-        "lengths": [{"length_s": length, **statistics(some, against)} for length, some in measured.items()],
-        "outages": [_plain(one) for some in measured.values() for one in some],
-    }
-    rows = _rows(data["lengths"])
+    found = study(
+        paths,
+        chosen := Pipeline.from_file(pipeline),
+        _lengths(lengths),
+        most=most,
+        seed=seed,
+        overrides=overrides_of(settings),
+        registry=registry_of(blocked, first_party_only),
+    )
+    data = {"paths": [str(path) for path in paths], "pipeline": chosen.name, "seed": seed, **found.as_data()}
     if out is not None:
-        with staged_folder(out, overwrite=overwrite) as folder:
-            _keep(folder, data, rows, measured)
+        _keep(out, data, found, overwrite=overwrite)
     if as_json:
         console.write_json(data)
         return
-    title = f"{', '.join(map(str, paths))}: outages of GNSS, pipeline {found.name}, against {_against(against)}"
-    console.write("\n".join([title, console.table([_HEAD, *rows]), *_doubts(data)]))
+    console.write(_as_text(data))
     if out is not None:
         console.write(f"kept in {out}: outages.md, outages.json, outages.png")
+
+
+def _as_text(data: Mapping[str, Any]) -> str:
+    how = f"pipeline {data['pipeline']}, against {_against(data['against'])}"
+    title = f"{', '.join(data['paths'])}: outages of GNSS, {how}"
+    return "\n".join([title, console.table([_HEAD, *_rows(data["lengths"])]), *_doubts(data)])
 
 
 def _against(what: str) -> str:
@@ -97,7 +80,7 @@ def _against(what: str) -> str:
 
 
 def _doubts(data: Mapping[str, Any]) -> list[str]:
-    """What the pipeline warned of where it ran first: with all fixes, or beside a reference with the first outages."""
+    """What the pipeline warned of where it ran first."""
     if not data["warnings"]:
         return []
     which = "with all fixes" if data["against"] != "reference" else "with outages"
@@ -118,16 +101,6 @@ def _lengths(text: str) -> list[float]:
     if not found or min(found) <= 0.0:
         raise ConfigError([Problem(None, "bad-option", f"--lengths '{text}' are no seconds", "write 10,30,60")])
     return list(dict.fromkeys(found))
-
-
-def _plain(one: Outage) -> dict[str, Any]:
-    import numpy as np
-
-    from recon.outages import FIGURES
-
-    numbers = {name: getattr(one, name) for name in (*FIGURES, "sigma", "way")}
-    known = {name: value if np.isfinite(value) else None for name, value in numbers.items()}
-    return {"start": f"{np.datetime64(one.start_ns, 'ns')}Z", "length_s": one.length_s, **known}
 
 
 def _rows(lengths: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -155,21 +128,22 @@ def _shown(value: float | None, unit: str, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def _keep(
-    folder: Path, data: Mapping[str, Any], rows: Sequence[Sequence[str]], found: Mapping[float, list[Outage]]
-) -> None:
+def _keep(out: Path, data: Mapping[str, Any], found: Study, *, overwrite: bool) -> None:
     """Write the table, the numbers and the plot."""
+    from recon.storage import staged_folder
     from recon.storage.json_text import to_json
 
+    rows = _rows(data["lengths"])
     lines = ["| " + " | ".join(cells) + " |" for cells in (_HEAD, ["---"] * len(_HEAD), *rows)]
     note = f"Errors at the end of outages, medians; pipeline {data['pipeline']}, against {_against(data['against'])}."
     doubts = [f"\n{text}" for text in _doubts(data)]
-    (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8")
-    (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
-    _draw(folder / "outages.png", found)
+    with staged_folder(out, overwrite=overwrite) as folder:
+        (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8")
+        (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+        _draw(folder / "outages.png", found.outages)
 
 
-def _draw(path: Path, found: Mapping[float, list[Outage]]) -> None:
+def _draw(path: Path, found: Mapping[float, Sequence[Outage]]) -> None:
     """How the horizontal error grows in every outage. Raises PluginError where Matplotlib is not installed."""
     from recon.extras import needs
 
