@@ -2,10 +2,13 @@
 
 Accelerations are those of the trajectory where it has them, gravity removed, turned to the horizontal by its attitude;
 else the velocity's rate of change. A low-pass filter takes off what the road and the engine do.
+
+A crash is no driving: a filter without delay would spread it over the time before, and call it the driver's braking.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +26,8 @@ NEED: Need = TRAJECTORY.need("vel", "q", maybe=("accel", "pos", "lat", "lon"))
 MAX_GAP_S = 1.0
 _FASTEST_REVERSE = -0.5
 """m/s; slower backwards motion may be noise."""
+_SPREAD = 0.5
+"""Periods of its cut-off over which a low-pass spreads an impact to either side."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Handling:
     """n rows of a trajectory.
 
     t_ns : ns since 1970; speed : m/s, horizontal; weight_s : s that each row stands for
-    along : m/s^2, positive where it gains speed, also backwards; left, up : m/s^2; rate : Hz
+    along : m/s^2, positive where it gains speed, also backwards; left, up : m/s^2; NaN in a crash; rate : Hz
     """
 
     t_ns: NDArray[np.int64]
@@ -47,10 +52,11 @@ class Handling:
         return np.asarray(np.cumsum(self.speed * self.weight_s))
 
 
-def handling_of(trajectory: pa.Table, cutoff_hz: float | None) -> Handling:
+def handling_of(trajectory: pa.Table, cutoff_hz: float | None, crashes: Iterable[tuple[int, int]] = ()) -> Handling:
     """The rows of a trajectory whose velocity and attitude are known.
 
     cutoff_hz : of the low-pass filter, None for accelerations as they are
+    crashes : (start, end) in ns since 1970, in which accelerations are none of driving
 
     Raises NotEnoughData where fewer than three rows are known.
     """
@@ -65,6 +71,9 @@ def handling_of(trajectory: pa.Table, cutoff_hz: float | None) -> Handling:
         accel = intermediate(rate_of_change(t_ns, vel, MAX_GAP_S), q)
     if cutoff_hz is not None:
         accel = smoothed(t_ns, accel, cutoff_hz, MAX_GAP_S)
+    spread_ns = round(1e9 * _SPREAD / cutoff_hz) if cutoff_hz is not None else 0
+    for start_ns, end_ns in crashes:
+        accel[(t_ns >= start_ns - spread_ns) & (t_ns <= end_ns + spread_ns)] = np.nan
     ahead = intermediate(vel, q)[:, 0]
     along = np.where(ahead < _FASTEST_REVERSE, -accel[:, 0], accel[:, 0])
     speed, weight = np.hypot(vel[:, 0], vel[:, 1]), weights_s(t_ns, MAX_GAP_S)

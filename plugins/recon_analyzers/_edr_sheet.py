@@ -105,7 +105,7 @@ def less_gnss(
     if other is None or not np.isfinite(own - other).any():
         return
     since, until = _GNSS_S
-    note = f"mean from {since:g} to {until:g} s before time zero, {_delay_s(learnt):.2f} s of delay taken off GNSS"
+    note = f"mean from {since:g} to {until:g} s before the crash, {_delay_s(learnt):.2f} s of delay taken off GNSS"
     yield Metric("speed_before_less_gnss", float(np.nanmean(own - other)), "km/h", note=note)
 
 

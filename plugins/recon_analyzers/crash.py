@@ -45,9 +45,9 @@ from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of,
 
 _OLDEST_DELTA_V_S: Final = 0.3
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
-    "delta_v_long_max": ("km/h", "49 CFR 563, 0 to 300 ms; forward positive"),
-    "delta_v_lat_max": ("km/h", "49 CFR 563, 0 to 300 ms; left positive"),
-    "delta_v_resultant_max": ("km/h", "49 CFR 563, 0 to 300 ms; horizontal"),
+    "delta_v_long_max": ("km/h", "as 49 CFR 563, but always to 300 ms; forward positive"),
+    "delta_v_lat_max": ("km/h", "as 49 CFR 563, but always to 300 ms; left positive"),
+    "delta_v_resultant_max": ("km/h", "as 49 CFR 563, but always to 300 ms; horizontal"),
     "time_of_max": ("s", "of the largest horizontal delta-V, after time zero"),
     "accel_peak_cfc60": ("g", "SAE J211 CFC 60; longitudinal, forward positive"),
     "accel_peak_cfc60_magnitude": ("g", "SAE J211 CFC 60; of all three axes"),
@@ -218,9 +218,11 @@ def _budget(found: Uncertain, name: str) -> str:
     """Where the sigma comes from, the largest first."""
     parts = [(source, f"{share:.2g}") for source, share in found.shares.items() if share > 0.05 * found.sigma]
     shown = ", ".join(" ".join(part) for part in sorted(parts, key=lambda part: (-float(part[1]), part[0])))
-    notes = [f"sigma of {shown}"] if shown else []
+    notes = [f"sigma from {shown}"] if shown else []
     if name == "pdof":
         notes.insert(0, f"{severity.clock(np.radians(found.value))} o'clock")
+    if name == "time_of_max" and found.high >= _OLDEST_DELTA_V_S:
+        notes.insert(0, f"the end of the {1e3 * _OLDEST_DELTA_V_S:.0f} ms looked at: the delta-V may still grow")
     if found.clipped:
         notes.insert(0, "clipped: as recorded, the interval holds what was cut off")
     return "; ".join(notes)

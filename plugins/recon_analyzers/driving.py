@@ -3,7 +3,7 @@
     friction demand   sqrt(a_x^2 + a_y^2) / g, horizontal: what tyres must transmit at least on a level road
     RPA               integral of v a+ over the way, m/s^2; v a+: 95 % of positive v a, m^2/s^3
     jerk              root mean square of the rate of change of a_x and a_y
-    per 100 km        count / way, limits of 95 % by Poisson: few events on a short way tell little
+    per 100 km        count / way from 500 m on, limits of 95 % by Poisson: few events on a short way tell little
 
 Accelerations are those of `recon.handling`, low-passed, in the intermediate system of ISO 8855. The stream `gg` is the
 g-g diagram: seconds spent in each cell of acceleration along the way and to the left, for all (trip 0) and each trip.
@@ -44,6 +44,8 @@ GG: Final = Schema(
 )
 COUNTED: Final = ("harsh_acceleration", "harsh_braking", "harsh_cornering", "speeding")
 _KM_100: Final = 100_000.0
+_LEAST_WAY_M: Final = 500.0
+"""From a shorter way, one event makes a rate of hundreds."""
 
 
 class DrivingParams(Params):
@@ -62,7 +64,7 @@ def analyze_driving(*, trajectory: pa.Table, events: pa.Table | None, params: Dr
 
     Raises NotEnoughData where fewer than three rows are known.
     """
-    whole = handling_of(trajectory, params.cutoff)
+    whole = handling_of(trajectory, params.cutoff, spans(events, "crash"))
     parts = [(0, "whole", whole)]
     for number, (start, end) in enumerate(spans(events, "trip"), 1):
         rows = (whole.t_ns >= start) & (whole.t_ns <= end)
@@ -142,7 +144,7 @@ def _rates(part: Handling, events: pa.Table | None) -> Iterator[Metric]:
             continue
         count = sum(part.t_ns[0] <= start <= part.t_ns[-1] for start, _ in spans(events, kind))
         yield Metric(kind, float(count), "1", method="count")
-        if way > 0.0:
+        if way >= _LEAST_WAY_M:
             low, high = (limit * _KM_100 / way for limit in poisson_limits(count))
             rate = count * _KM_100 / way
             yield Metric(f"{kind}_per_100km", rate, "1/100 km", low=low, high=high, method="Poisson, 95 %")
@@ -168,6 +170,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="driving",
         summary="g-g diagram, friction circle, smoothness and harsh events for 100 km, whole and by trip.",
+        version=2,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"gg": GG},

@@ -4,6 +4,9 @@
     trigger    it changes by 8 km/h or more within 150 ms while awake; what does not reach that is no event
     end        it changes by 0.8 km/h or less within 20 ms, and stays so for `merge`
 
+The regulation has time zero at 0.8 km/h of longitudinal change within 20 ms, or of lateral change within 5 ms. Here
+20 ms count for both, so that of a blow from the side may lie up to 15 ms earlier.
+
 Only what happens across gravity counts, so potholes and speed bumps, which push upwards, do not add up. On an imu that
 is not yet turned into the vehicle, up is the mean specific force of the seconds around; forward is not needed, for the
 size of the horizontal change counts, which is never less than its longitudinal part.

@@ -5,6 +5,8 @@
     speeding   speed beyond a limit that is given, and a tolerance, for long enough
     trip       motion between two stops of some minutes
 
+What happens within an event `crash`, and as long before and after as the low-pass would spread it, is nothing of these.
+
 There is no standard of what is harsh. Limits are sets of data with a name, a version and a source
 (driving_thresholds.yaml); the metrics tell which one was used, and what a pipeline changed in it. Speeding is looked
 for only where a limit is given: recon has no map.
@@ -26,7 +28,6 @@ from recon import (
     Metric,
     Params,
     Streams,
-    events,
     hookimpl,
     metrics,
     quantity,
@@ -35,6 +36,8 @@ from recon import (
 )
 from recon.handling import MAX_GAP_S, NEED, Handling, handling_of
 from recon.numerics.handling import pieces, spells
+from recon.rows import events as event_rows
+from recon.rows import spans
 from recon_detectors._driving_thresholds import KINDS, Thresholds, sets
 
 SETS: Final = ("naturalistic", "telematics", "damoov")
@@ -60,22 +63,25 @@ class DrivingParams(Params):
     trip_distance: float = quantity(100.0, "m", ge=0, doc="Shortest trip that counts.")
 
 
-def driving(*, trajectory: pa.Table, params: DrivingParams) -> Streams:
+def driving(*, trajectory: pa.Table, events: pa.Table | None, params: DrivingParams) -> Streams:
     """Events of the kinds trip, harsh_acceleration, harsh_braking, harsh_cornering and speeding.
 
     The value of a harsh event is its peak in m/s^2, of speeding the highest speed in m/s, of a trip its length in m.
 
-    trajectory : vel m/s, q; accel m/s^2 where it has it
+    trajectory : vel m/s, q; accel m/s^2 where it has it; events : of detector.crash, none where it was not asked
 
     Raises NotEnoughData where fewer than three rows are known.
     """
     chosen = _chosen(params)
-    found = handling_of(trajectory, chosen.cutoff)
+    crashes = spans(events, "crash")
+    found = handling_of(trajectory, chosen.cutoff, crashes)
     happened = [*_trips(found, params), *_harsh(found, chosen), *_speeding(found, params)]
     learnt = [*_told(chosen, params), *_counts(happened, params)]
+    if crashes:
+        learnt.append(Metric("crashes_left_out", float(len(crashes)), note="what a crash does to a car is no driving"))
     if found.rate < _SLOWEST_RATE:
         learnt.append(warning(f"the trajectory has {found.rate:.2g} rows a second: short harsh events are missed"))
-    return {"events": events(happened), "metrics": metrics(learnt)}
+    return {"events": event_rows(happened), "metrics": metrics(learnt)}
 
 
 def _chosen(params: DrivingParams) -> Thresholds:
@@ -150,8 +156,9 @@ def declare_detectors() -> Iterable[Detector]:
     yield Detector(
         name="driving",
         summary="Trips, harsh braking, acceleration and cornering by named limits, and speeding.",
+        version=2,
         params=DrivingParams,
-        reads={"trajectory": NEED},
+        reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"events": EVENTS},
         run=driving,
         references=(

@@ -59,7 +59,7 @@ def test_every_number_of_the_field_has_a_sigma_and_an_interval_that_holds_it() -
         row = rows[name]
         assert row["low"] <= row["value"] <= row["high"], name
         assert row["sigma"] > 0.0, name
-        assert "sigma of" in row["note"], name
+        assert "sigma from" in row["note"], name
         assert row["method"], name
 
 

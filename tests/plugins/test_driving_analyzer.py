@@ -74,6 +74,17 @@ def test_rates_count_events_and_know_how_little_they_tell():
     assert found["harsh_cornering_per_100km"]["high"] == pytest.approx(3.6889 / way_100km, rel=1e-3)
 
 
+def test_a_crash_is_left_out_and_a_short_way_tells_no_rate():
+    """0.5 g for 2 s, called a crash; 20 m/s for a second are 20 m."""
+    marks = happened(("crash", 20.0, 22.0), ("harsh_braking", 40.0, 41.0))
+    assert told(analyzed(braking(0.5 * G), marks), "whole")["friction_demand_max"]["value"] == pytest.approx(
+        0.0, abs=1e-6
+    )
+    short = told(analyzed(gentle().slice(0, 101), happened(("harsh_braking", 0.2, 0.4))), "whole")
+    assert short["harsh_braking"]["value"] == 1.0
+    assert "harsh_braking_per_100km" not in short
+
+
 def test_trips_have_figures_of_their_own():
     marks = happened(("trip", 0.0, 19.0), ("trip", 30.0, 59.0), ("harsh_braking", 20.0, 22.0))
     streams = analyzed(braking(0.5 * G), marks)

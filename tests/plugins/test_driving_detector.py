@@ -8,7 +8,8 @@ from handling_drives import DT_S, START_NS, braking, cornering, gentle, told, tr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recon import ConfigError, Pipeline, Registry, matrix, time_ns
+from recon import ConfigError, Event, Pipeline, Registry, matrix, time_ns
+from recon import events as event_table
 from recon.check import check
 from recon.numerics.handling import smoothed, spells
 from recon.rows import spans
@@ -25,7 +26,7 @@ BLUR_S = 0.23
 
 
 def events(trajectory, **params):
-    return driving(trajectory=trajectory, params=DrivingParams(**params))["events"].to_pylist()
+    return driving(events=None, trajectory=trajectory, params=DrivingParams(**params))["events"].to_pylist()
 
 
 def kinds(trajectory, **params):
@@ -56,6 +57,19 @@ def test_the_same_from_velocities_alone():
     (one,), (other,) = ([r for r in events(t) if r["kind"] == "harsh_braking"] for t in (whole, bare))
     assert other["value"] == pytest.approx(one["value"], rel=1e-6)
     assert abs(other["time"].value - one["time"].value) <= 2 * DT_S * 1e9
+
+
+def test_an_impact_is_no_braking_and_what_came_before_it_is():
+    """A second of 0.6 g, half a second later a crash of 6 g and 100 ms; the means would spread that over 0.23 s."""
+    accel, yaw = np.zeros((6000, 3)), np.zeros(6000)
+    accel[2000:2100, 0], accel[2150:2160, 0] = -0.6 * G, -6.0 * G
+    drive = trajectory_of(accel, yaw, 20.0)
+    crash = event_table([Event(START_NS + 21_500_000_000, START_NS + 21_600_000_000, "crash", 20.0, "km/h")])
+    found = driving(events=crash, trajectory=drive, params=DrivingParams())
+    (row,) = [row for row in found["events"].to_pylist() if row["kind"] == "harsh_braking"]
+    assert row["value"] == pytest.approx(0.6 * G, rel=1e-6)
+    assert (row["end_time"].value - START_NS) * 1e-9 == pytest.approx(21.0, abs=BLUR_S)
+    assert told(found)["crashes_left_out"]["value"] == 1.0
 
 
 def test_gaining_speed_is_harsh_acceleration_and_backwards_too():
@@ -122,7 +136,9 @@ def test_a_gap_of_the_log_ends_a_trip_and_hides_no_event():
 
 
 def test_which_limits_were_used_is_told():
-    found = told(driving(trajectory=gentle(), params=DrivingParams(thresholds="telematics", harsh_braking=3.0)))
+    found = told(
+        driving(events=None, trajectory=gentle(), params=DrivingParams(thresholds="telematics", harsh_braking=3.0))
+    )
     assert found["thresholds_version"]["method"] == "telematics"
     assert found["harsh_braking_limit"]["value"] == 3.0
     assert found["harsh_braking_limit"]["method"] == "given"
@@ -147,7 +163,9 @@ def test_a_set_that_is_not_there_is_a_wrong_parameter():
 
 
 def test_a_slow_trajectory_is_warned_of():
-    rows = driving(trajectory=gentle().take(list(range(0, 6000, 100))), params=DrivingParams())["metrics"].to_pylist()
+    rows = driving(events=None, trajectory=gentle().take(list(range(0, 6000, 100))), params=DrivingParams())[
+        "metrics"
+    ].to_pylist()
     assert any(row["name"] == "warning" and "1 rows a second" in row["note"] for row in rows)
 
 
@@ -183,7 +201,7 @@ def test_events_agree_with_the_truth_of_the_simulator(drive):
     reference, trajectory = drive
     t_ns, speed, along, left = truth(reference)
     limits = {"harsh_acceleration": 1.2, "harsh_braking": 1.6, "harsh_cornering": 1.8}
-    found = driving(trajectory=trajectory, params=DrivingParams(**limits))["events"]
+    found = driving(events=None, trajectory=trajectory, params=DrivingParams(**limits))["events"]
     sizes = {"harsh_acceleration": along, "harsh_braking": -along, "harsh_cornering": np.abs(left)}
     seen = 0
     for kind, limit in limits.items():
