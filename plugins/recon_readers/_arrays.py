@@ -5,7 +5,7 @@ For formats that keep each sensor as arrays, with no text and no lines.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import MutableMapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from recon.errors import ReadFailed
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.schema import REFERENCE
 from recon.tables import Array, build, with_meta
+from recon_readers._columns import at_rows
 from recon_readers._csv_streams import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
@@ -41,16 +42,22 @@ def in_time(t_s: Array, zero_ns: int = 0) -> tuple[Times, Mask]:
     return t_ns, usable & ~repeating(t_ns, [usable])
 
 
-def interleave(parts: Mapping[str, tuple[Times, Array]]) -> tuple[Times, dict[str, Array]]:
-    """Sensors at their own times as one stream: the union of times (n,) ns, values (n,) or (n, k), NaN between.
+def interleave(parts: MutableMapping[str, tuple[Times, Array]]) -> tuple[Times, dict[str, Array]]:
+    """Sensors at their own times as one stream: the union of times (n,) ns, values (n,) or (n, m), NaN between.
 
-    parts : by name, times that rise and values
+    parts : by name, times (k,) that rise and values (k,) or (k, m); emptied, so that they and the result are not there
+        at once
     """
-    t_ns = np.unique(np.concatenate([times for times, _ in parts.values()]))
+    first, *others = (times for times, _ in parts.values())
+    if all(np.array_equal(first, times) for times in others):
+        return first, {name: np.asarray(parts.pop(name)[1], dtype=np.float64) for name in list(parts)}
+    distinct = {id(times): times for times in (first, *others)}
+    t_ns = np.unique(np.concatenate(list(distinct.values())))
+    rows = {key: np.searchsorted(t_ns, times) for key, times in distinct.items()}
     spread = {}
-    for name, (times, values) in parts.items():
-        spread[name] = np.full((len(t_ns), *values.shape[1:]), np.nan)
-        spread[name][np.searchsorted(t_ns, times)] = values
+    for name in list(parts):
+        times, values = parts.pop(name)
+        spread[name] = at_rows(values, rows[id(times)], len(t_ns))
     return t_ns, spread
 
 

@@ -118,10 +118,10 @@ def kept(values: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[Any]:
 def at_rows(values: NDArray[np.float64], rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float64]:
     """A column of `count` rows with the values in some, NaN in the others; the values themselves where it is all.
 
-    values : (k,); rows : (k,) numbers of rows, each once and rising
+    values : (k,) or (k, m); rows : (k,) numbers of rows, each once and rising
     """
     if len(values) == count:
         return values
-    found = np.full(count, np.nan)
+    found = np.full((count, *values.shape[1:]), np.nan)
     found[rows] = values
     return found

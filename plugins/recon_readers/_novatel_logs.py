@@ -12,7 +12,6 @@ Reference: NovAtel, OEM7 Commands and Logs Reference Manual, "Messages" and "32-
 
 from __future__ import annotations
 
-import mmap
 import re
 import struct
 import zlib
@@ -21,18 +20,19 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.numerics.gnss_time import GPS_EPOCH_NS, NS, WEEK_NS
-from recon.tables import Array
-
-Raw: TypeAlias = Any
-"""bytes, or a file in memory (mmap)."""
+from recon_readers._columns import Columns, Grown
 
 LONGEST: Final = 4096
+"""Bytes of a binary payload."""
+_LONGEST_WHOLE: Final = 2 * LONGEST
+"""Bytes of a log with header and checksum, of either kind."""
+BLOCK: Final = 1 << 22
+_AT_ONCE: Final = 1 << 14
 _ASCII: Final = re.compile(rb"([#%])([A-Z0-9]{3,24}A),([^;*#%\r\n]{1,200});([^*#%\r\n]{1,2000})\*([0-9a-fA-F]{8})")
 _SYNC: Final = re.compile(rb"\xaa\x44[\x12\x13]")
 _UNKNOWN_TIME: Final = 20
@@ -52,17 +52,35 @@ _WORDS: Final = {
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the numbers of a log are: struct of the binary payload, indices of the fields in ASCII."""
+    """Where the numbers of a log are: struct of the binary payload, indices of the fields in ASCII; and their names."""
 
     binary: struct.Struct
     fields: tuple[int, ...]
+    names: tuple[str, ...]
 
 
-_POS: Final = Layout(struct.Struct("<I4xdddf4xfff12xB"), (0, 2, 3, 4, 5, 7, 8, 9, 13))
-_VEL: Final = Layout(struct.Struct("<I4xf4xddd"), (0, 2, 4, 5, 6))
-_PVA: Final = Layout(struct.Struct("<4x8xdddddddddI"), (2, 3, 4, 5, 6, 7, 8, 9, 10, 11))
-_PVAX: Final = Layout(struct.Struct("<I4xdddfdddddd"), (0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11))
-_IMU: Final = Layout(struct.Struct("<4x8xdddddd"), (2, 3, 4, 5, 6, 7))
+_PLACE: Final = ("lat", "lon", "height")
+_SIGMAS: Final = ("pos_std_n", "pos_std_e", "pos_std_u")
+_MOTION: Final = ("vel_n", "vel_e", "vel_u", "roll", "pitch", "azimuth")
+_POS: Final = Layout(
+    struct.Struct("<I4xdddf4xfff12xB"),
+    (0, 2, 3, 4, 5, 7, 8, 9, 13),
+    ("status", *_PLACE, "undulation", *_SIGMAS, "satellites"),
+)
+_VEL: Final = Layout(
+    struct.Struct("<I4xf4xddd"), (0, 2, 4, 5, 6), ("status", "latency", "speed", "course", "vertical_speed")
+)
+_PVA: Final = Layout(struct.Struct("<4x8xdddddddddI"), (2, 3, 4, 5, 6, 7, 8, 9, 10, 11), (*_PLACE, *_MOTION, "status"))
+_PVAX: Final = Layout(
+    struct.Struct("<I4xdddfdddddd"),
+    (0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11),
+    ("status", *_PLACE, "undulation", *_MOTION),
+)
+_IMU: Final = Layout(
+    struct.Struct("<4x8xdddddd"),
+    (2, 3, 4, 5, 6, 7),
+    ("pitch_rate", "roll_rate", "yaw_rate", "lateral", "longitudinal", "vertical"),
+)
 LOGS: Final[Mapping[str, tuple[int, Layout]]] = {
     "BESTPOS": (42, _POS),
     "BESTGNSSPOS": (1429, _POS),
@@ -77,57 +95,96 @@ LOGS: Final[Mapping[str, tuple[int, Layout]]] = {
 _BY_ID: Final = {number: name for name, (number, _) in LOGS.items()}
 
 
+class _Rows:
+    """Logs of one kind, a row each, which are made into columns some thousands at a time."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._names = layout.names
+        self._times = array("q")
+        self._numbers = array("d")
+        self._columns = {"time": Grown(np.int64, _AT_ONCE), **{n: Grown(np.float64, _AT_ONCE) for n in layout.names}}
+
+    def add(self, gps_ns: int, values: tuple[float, ...]) -> None:
+        """One more log."""
+        self._times.append(gps_ns)
+        self._numbers.extend(values)
+        if len(self._times) >= _AT_ONCE:
+            self._flush()
+
+    def columns(self) -> Columns:
+        """All of them: `time` in GPS ns since 1970, and the numbers by name."""
+        self._flush()
+        return Columns(self._columns)
+
+    def _flush(self) -> None:
+        numbers = np.array(self._numbers).reshape(-1, len(self._names))
+        self._columns["time"].add(np.array(self._times, dtype=np.int64))
+        for name, values in zip(self._names, numbers.T, strict=True):
+            self._columns[name].add(values)
+        self._times, self._numbers = array("q"), array("d")
+
+
 @dataclass
 class Found:
-    """Logs of a file: times in GPS ns since 1970 and numbers, by name; counts of all by name or id; damaged ones."""
+    """Logs of a file: those that are read, by name; counts of all by name or id; damaged ones."""
 
-    times: dict[str, array[int]] = field(default_factory=dict)
-    numbers: dict[str, array[float]] = field(default_factory=dict)
+    logs: dict[str, _Rows] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     damaged: int = 0
 
     def add(self, name: str, gps_ns: int, values: tuple[float, ...]) -> None:
         """One more log that is read."""
-        self.times.setdefault(name, array("q")).append(gps_ns)
-        self.numbers.setdefault(name, array("d")).extend(values)
+        if name not in self.logs:
+            self.logs[name] = _Rows(LOGS[name][1])
+        self.logs[name].add(gps_ns, values)
 
-    def rows(self, *names: str) -> tuple[NDArray[np.int64], Array]:
-        """Times (n,) and numbers (n, k) of the first of several logs that is there; (0,) and (0, k) for none."""
-        for name in names:
-            if name in self.times:
-                width = len(LOGS[name][1].fields)
-                return np.array(self.times[name], dtype=np.int64), np.array(self.numbers[name]).reshape(-1, width)
-        return np.zeros(0, dtype=np.int64), np.zeros((0, len(LOGS[names[0]][1].fields)))
+    def columns(self, *names: str) -> Columns:
+        """The columns of the first of several logs that is there, `time` in GPS ns among them; none where none is."""
+        return next((self.logs.pop(name).columns() for name in names if name in self.logs), Columns({}))
 
 
 def read_logs(path: Path) -> Found:
     """All logs of a file whose checksum is right."""
+    found = Found()
+    rest, end = b"", 0
     with path.open("rb") as file:
-        if not path.stat().st_size:
-            return Found()
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
-            return find_logs(raw)
+        while piece := file.read(BLOCK):
+            block = rest + piece
+            stop = max(len(block) - _LONGEST_WHOLE, 0)
+            end = max(_take(block, end, stop, found) - stop, 0)
+            rest = block[stop:]
+    _take(rest, end, len(rest), found)
+    return found
 
 
-def find_logs(raw: Raw) -> Found:
+def find_logs(raw: bytes) -> Found:
     """All logs in some bytes whose checksum is right."""
     found = Found()
-    end = 0
-    for match in _SYNC.finditer(raw):
+    _take(raw, 0, len(raw), found)
+    return found
+
+
+def _take(raw: bytes, end: int, stop: int, found: Found) -> int:
+    """Take the logs that begin before an offset; where the last binary one ends.
+
+    end : where the last binary one before ended
+    """
+    for match in _SYNC.finditer(raw, end, min(stop + 2, len(raw))):
         if match.start() >= end:
             end = max(end, _binary(raw, match.start(), found))
     for match in _ASCII.finditer(raw):
-        _ascii(match, found)
-    return found
+        if match.start() < stop:
+            _ascii(match, found)
+    return end
 
 
 def _crc(data: bytes) -> int:
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def _binary(raw: Raw, start: int, found: Found) -> int:
+def _binary(raw: bytes, start: int, found: Found) -> int:
     """Take the log that begins at a place; where it ends, the place itself where there is none."""
-    head = bytes(raw[start : start + 28])
+    head = raw[start : start + 28]
     if len(head) < 12:
         found.damaged += 1
         return start
@@ -137,7 +194,7 @@ def _binary(raw: Raw, start: int, found: Found) -> int:
         return start
     size, length = (12, head[3]) if short else (head[3], int.from_bytes(head[8:10], "little"))
     end = start + size + length
-    whole = bytes(raw[start : end + 4]) if length <= LONGEST else b""
+    whole = raw[start : end + 4] if length <= LONGEST else b""
     if size < 12 or len(whole) != size + length + 4 or _crc(whole[:-4]) != int.from_bytes(whole[-4:], "little"):
         found.damaged += 1
         return start

@@ -11,17 +11,19 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import IO, Any, Final
 
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
-from recon_readers._delimited import contents, not_text
+from recon_readers._delimited import HEAD_BYTES, not_text
 from recon_readers._lines import COPIED, Form, Lines, read_lines
-from recon_readers._text_blocks import plain
+from recon_readers._text_blocks import Text, plain
 
 LARGEST: Final = 2**30
 """Bytes of a table; a member of a zip that claims more is refused."""
@@ -48,25 +50,50 @@ class Files:
         """The file as messages call it."""
         return self.path if self.beside else self.path / name
 
-    def read(self, name: str) -> bytes:
-        """The content of a file. Raises ReadFailed where it cannot be had."""
+    def text(self, name: str) -> Text:
+        """The text of a file. Raises ReadFailed where it cannot be had or is none."""
+        text = self._text(name)
+        fault = not_text(text.head[:HEAD_BYTES])
+        if fault:
+            raise ReadFailed(self.label(name), fault[0], hint=fault[1])
+        return text
+
+    def _text(self, name: str) -> Text:
         if self.beside or self.path.is_dir():
-            return contents(self.path.parent / name if self.beside else self.path / name)
+            return Text.open(self._beside(name) if self.beside else self.path / name)
         try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(_member(archive, name)) as file:
-                found = file.read(LARGEST + 1)
+            return Text.open(self.path, opener=lambda: self._opened(name))
         except _BAD_ZIP as error:
             raise ReadFailed(self.label(name), f"it cannot be unpacked: {error}", hint=COPIED) from error
-        if len(found) > LARGEST:
-            raise ReadFailed(self.label(name), "it unpacks to more than a gigabyte", hint="unpack it, and cut it")
-        return found
+
+    def head(self, name: str) -> bytes:
+        """The beginning of a file. Raises ReadFailed where it cannot be had."""
+        try:
+            with self._opened(name) as file:
+                return plain(file.read(HEAD_BYTES))
+        except _BAD_ZIP as error:
+            raise ReadFailed(self.label(name), f"it cannot be read: {error}", hint=COPIED) from error
+
+    @contextmanager
+    def _opened(self, name: str) -> Iterator[IO[bytes]]:
+        if self.beside or self.path.is_dir():
+            with (self._beside(name) if self.beside else self.path / name).open("rb") as plain_file:
+                yield plain_file
+            return
+        with zipfile.ZipFile(self.path) as archive:
+            member = _member(archive, name)
+            if member.file_size > LARGEST:
+                raise ValueError(f"it claims {member.file_size / 1e9:.0f} GB; unpack it yourself, and cut it")
+            with archive.open(member) as packed:
+                yield packed
+
+    def _beside(self, name: str) -> Path:
+        return self.path.parent / name
 
     def optional(self, name: str) -> bytes | None:
-        """The content of a file of this path, which may stand beside a single one; None where there is none."""
-        if name in self.names:
-            return self.read(name)
-        there = self.beside and (self.path.parent / name).is_file()
-        return contents(self.path.parent / name) if there else None
+        """The beginning of a file of this path, which may stand beside a single one; None where there is none."""
+        there = name in self.names or (self.beside and self._beside(name).is_file())
+        return self.head(name) if there else None
 
 
 def files_of(path: Path) -> Files:
@@ -112,30 +139,32 @@ def _member(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table before its numbers are read: names of the columns, and the rows with decimal points."""
+    """A table before its numbers are read: names of the columns, and how its rows are made."""
 
     path: Path
+    text: Text
     names: tuple[str, ...]
-    rows: bytes
     separator: bytes
+    comma: bool
+    start: int
 
-    def lines(self, kinds: Mapping[str, pa.DataType]) -> Lines | None:
-        """The whole rows of the columns wanted, None where there are none at all."""
-        if not self.rows.strip():
+    def lines(
+        self, kinds: Mapping[str, pa.DataType], made: Callable[[pa.Table], Mapping[Any, NDArray[Any]]]
+    ) -> Lines | None:
+        """What is made of the whole rows of the columns wanted, None where there are no rows at all."""
+        if self.start >= self.text.size or not self.text.tail[max(self.start - self.text.tail_at, 0) :].strip():
             return None
-        return read_lines(self.path, self.rows, 2, Form(self.names, kinds, self.separator))
+        form = Form(self.names, kinds, self.separator, quotes=True, comma=self.comma)
+        return read_lines(self.path, self.text, form, made, start=self.start, first_line=2)
 
 
-def sheet_of(path: Path, raw: bytes) -> Sheet:
+def sheet_of(files: Files, name: str) -> Sheet:
     """A table with a header in its first line. Raises ReadFailed for what is no text."""
-    fault = not_text(raw[:65536])
-    if fault:
-        raise ReadFailed(path, fault[0], hint=fault[1])
-    head, _, rows = plain(raw).partition(b"\n")
+    text = files.text(name)
+    head, _, rows = text.head[:HEAD_BYTES].partition(b"\n")
     names, separator = header_of(head)
-    if separator != b"," and _DECIMAL_COMMA.search(rows[:65536]):
-        rows = rows.replace(b",", b".")
-    return Sheet(path, names, rows.replace(b'"', b""), separator)
+    comma = separator != b"," and _DECIMAL_COMMA.search(rows) is not None
+    return Sheet(files.label(name), text, names, separator, comma, len(head) + 1)
 
 
 def header_of(line: bytes) -> tuple[tuple[str, ...], bytes]:

@@ -5,20 +5,18 @@ For readers of logs in which single rows may be damaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, MutableMapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
-from recon.numerics.geodesy import geodetic_to_enu
 from recon.rows import Metric, warning
-from recon.schema import Schema
+from recon.schema import Schema, group_of, spread
 from recon.tables import Array, build
-from recon_readers._arrays import first_place
 from recon_readers._columns import kept
 from recon_readers._csv_streams import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
@@ -41,25 +39,28 @@ class Source:
 
 
 def stream(
-    source: Source, schema: Schema, t_ns: Times, missing: Mask, groups: dict[str, Array]
+    source: Source, schema: Schema, t_ns: Times, missing: Mask, groups: MutableMapping[str, Array]
 ) -> tuple[pa.Table | None, list[Metric]]:
     """A stream of the rows that have a time and a value, None where none has; and what was left out.
 
     t_ns : (n,) ns; missing : (n,) bool, rows without a time
-    groups : (n,) or (n, k) in the units of the schema, NaN where there is no value; emptied, so that they and the
-        stream are not there at once
+    groups : columns (n,) or groups (n, k) in the units of the schema, NaN where there is no value; emptied, so that
+        they and the stream are not there at once
 
     Raises ReadFailed where most values of a column are impossible: then they are of another unit or format.
     """
     learnt: list[Metric] = []
     if not len(t_ns):
         return None, learnt
-    found = {name: _possible(source, name, groups.pop(name), learnt) for name in list(groups)}
+    found: dict[str, Array] = {}
+    for group in list(groups):
+        for name, values in _columns(schema, group, groups.pop(group)).items():
+            found[name] = _possible(source, name, values, learnt)
     _without_zero_place(found)
     valued = np.zeros(len(t_ns), dtype=bool)
     for name, values in found.items():
-        if name not in (*WHOLE, *SIGMAS):
-            valued |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+        if name not in WHOLE and group_of(name) not in SIGMAS:
+            valued |= np.isfinite(values)
     untimed = missing | (np.abs(t_ns) > _LATEST_NS)
     timed = in_order(np.where(untimed, 0, t_ns), untimed)
     rows = timed & ~repeating(t_ns, [timed]) & valued
@@ -70,43 +71,34 @@ def stream(
         )
     if not rows.any():
         return None, learnt
-    columns: dict[str, Any] = {}
     for name in list(found):
-        values = kept(found.pop(name), rows)
-        if np.isfinite(values).any():
-            columns[name] = _integers(values) if name in WHOLE else values
-    return build(schema.only(*columns), time=kept(t_ns, rows), **columns), learnt
+        found[name] = kept(found[name], rows)
+    there = dict.fromkeys(group_of(name) for name, values in found.items() if np.isfinite(values).any())
+    columns = {
+        name: _integers(values) if name in WHOLE else values
+        for name, values in found.items()
+        if group_of(name) in there
+    }
+    return build(schema.only(*there), time=kept(t_ns, rows), **columns), learnt
 
 
-def reference_groups(place: Array, vel_n: Array, q: Array) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Columns and facts of the stream reference; both empty where no place is known.
-
-    place : (n, 3) lat, lon deg, height m above the ellipsoid; vel_n : (n, 3) m/s, local; q : (n, 4) body to local;
-    NaN where unknown
-    """
-    with np.errstate(invalid="ignore"):
-        good = np.all(np.abs(place) <= (90.0, 360.0, 1e5), axis=1)
-    place = np.where(np.asarray(good)[:, None], place, np.nan)
-    anchor = first_place(place)
-    if anchor is None:
-        return {}, {}
-    lat, lon, height = place.T
-    pos = geodetic_to_enu(lat, lon, height, anchor)
-    facts = {"anchor": asdict(anchor), "earth": "wgs84", "height_datum": "ellipsoid"}
-    return {"pos": pos, "vel": vel_n, "q": q, "lat": lat, "lon": lon, "height": height}, facts
+def _columns(schema: Schema, group: str, values: Array) -> dict[str, Array]:
+    """A group as columns."""
+    return {group: values} if values.ndim == 1 else dict(zip(spread(group, schema.names), values.T, strict=True))
 
 
 def _possible(source: Source, name: str, values: Array, learnt: list[Metric]) -> Array:
     """The values without those that no vehicle shows."""
     values = np.asarray(values, dtype=np.float64)
-    if name in SIGMAS:
+    group = group_of(name)
+    if group in SIGMAS:
         with np.errstate(invalid="ignore"):
             return np.where((values > _SIGMA_LIMITS[0]) & (values < _SIGMA_LIMITS[1]), values, np.nan)
-    low, high = _LIMITS.get(name, (-1e12, 1e12))
+    low, high = _LIMITS.get(group, (-1e12, 1e12))
     outside = (values < low) | (values > high)
     if outside.any():
-        first = int(np.flatnonzero(outside.reshape(len(outside), -1).any(axis=1))[0])
-        what = f"{name} of {values[outside][0]:.6g} lies outside {low:g} to {high:g}"
+        first = int(outside.argmax())
+        what = f"{name} of {values[first]:.6g} lies outside {low:g} to {high:g}"
         line = source.line(first) if source.line is not None else None
         if outside.sum() > 0.5 * np.isfinite(values).sum():
             raise ReadFailed(source.path, what, line=line, hint="the file is damaged, or of another unit or format")
@@ -116,11 +108,11 @@ def _possible(source: Source, name: str, values: Array, learnt: list[Metric]) ->
     return np.mod(possible, 2.0 * np.pi) if name == "course" else possible
 
 
-def _without_zero_place(found: dict[str, Any]) -> None:
+def _without_zero_place(found: dict[str, Array]) -> None:
     """A position of exactly 0, 0 is no fix."""
     if "lat" in found and "lon" in found:
         no_fix = ((found["lat"] == 0.0) & (found["lon"] == 0.0)) | np.isnan(found["lat"]) | np.isnan(found["lon"])
-        for name in {"lat", "lon", "height"} & found.keys():
+        for name in ({"lat", "lon", "height"} & found.keys()) if no_fix.any() else ():
             found[name] = np.where(no_fix, np.nan, found[name])
 
 

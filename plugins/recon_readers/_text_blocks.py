@@ -7,10 +7,12 @@ as it is read, with line ends \\n and without a byte order mark.
 from __future__ import annotations
 
 import codecs
+import re
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import IO, Final, TypeAlias
 
 from recon.errors import ReadFailed
 
@@ -19,6 +21,9 @@ BLOCK: Final = 1 << 22
 KEPT: Final = 1 << 20
 """Bytes of beginning and end that are kept."""
 _BOM: Final = codecs.BOM_UTF8
+
+Opener: TypeAlias = Callable[[], AbstractContextManager[IO[bytes]]]
+"""Opens a file from its beginning."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +48,27 @@ class Text:
         return cls._seen(path, lambda: iter((text,)))
 
     @classmethod
-    def open(cls, path: Path, encoding: str | None = None) -> Text:
-        """A file. encoding : of a codec, None for bytes that are taken as they are.
+    def open(cls, path: Path, encoding: str | None = None, opener: Opener | None = None) -> Text:
+        """A file. encoding : of a codec, None for bytes that are taken as they are; opener : of what is inside
+        another, whose errors are left as they are.
 
         Raises ReadFailed for what is no regular file or cannot be read, UnicodeError where it is not of the encoding,
         LookupError where there is no such encoding.
         """
         b"".decode(encoding or "ascii")
+        if opener is not None:
+            return cls._seen(path, lambda: _pieces(opener, encoding))
         check_regular(path)
         try:
-            return cls._seen(path, lambda: _pieces(path, encoding))
+            return cls._seen(path, lambda: _pieces(lambda: path.open("rb"), encoding))
         except UnicodeError:
             raise
         except (OSError, ValueError) as error:
             raise unreadable(path, error) from error
+
+    def lines_like(self, pattern: re.Pattern[bytes]) -> Text:
+        """The text of those of its lines of which a pattern takes all, line end and all."""
+        return self._seen(self.path, lambda: (b"".join(pattern.findall(block)) for block in self.blocks()))
 
     @classmethod
     def _seen(cls, path: Path, pieces: Callable[[], Iterator[bytes]]) -> Text:
@@ -139,11 +151,11 @@ def _unix(text: bytes) -> bytes:
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
-def _pieces(path: Path, encoding: str | None) -> Iterator[bytes]:
+def _pieces(opener: Opener, encoding: str | None) -> Iterator[bytes]:
     """A file in UTF-8, or as it is, with line ends \\n and without a byte order mark."""
     decoder = None if encoding is None else codecs.getincrementaldecoder(encoding)()
     same = encoding is not None and codecs.lookup(encoding).name == "utf-8"
-    with path.open("rb") as file:
+    with opener() as file:
         held, begun = b"", False
         while True:
             raw = file.read(BLOCK)
@@ -151,10 +163,10 @@ def _pieces(path: Path, encoding: str | None) -> Iterator[bytes]:
             piece = held + (raw if decoder is None or same else decoded.encode())
             held = b"\r" if raw and piece.endswith(b"\r") else b""
             piece = piece.removesuffix(held)
-            piece = _unix(piece if begun else piece.removeprefix(_BOM))
+            plain_piece = _unix(piece if begun else piece.removeprefix(_BOM))
             begun = begun or bool(piece)
-            if piece:
-                yield piece
+            if plain_piece:
+                yield plain_piece
             if not raw:
                 return
 

@@ -15,23 +15,25 @@ Reference: github.com/google/gps-measurement-tools, GnssLogger; Android, SensorE
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams
-from recon_readers._delimited import contents, not_text
+from recon.tables import Array, Streams, vector
+from recon_readers._columns import kept
+from recon_readers._delimited import load
 from recon_readers._lines import Form, Lines, read_lines
-from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, columns, streams_of
-from recon_readers._text_blocks import plain
+from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
+from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
 
 SENSORS: Final = {"accel": ("Accel", 1.0), "gyro": ("Gyro", 1.0), "mag": ("Mag", 1e-6)}
@@ -47,6 +49,7 @@ _FIX: Final = {
     "fast": ("SpeedAccuracyMps",),
     "high": ("VerticalAccuracyMeters",),
 }
+_ACCURACIES: Final = ("wide", "fast", "high")
 _CLOCKS: Final = ("utcTimeMillis", "elapsedRealtimeNanos")
 _LATEST_NS: Final = 4e18
 
@@ -61,17 +64,14 @@ class GnssloggerParams(PhoneParams):
 
 def read(path: Path, params: GnssloggerParams) -> Streams:
     """The streams imu, gnss and mag. Raises ReadFailed where the log holds none of them."""
-    raw = contents(path)
-    fault = not_text(raw[:65536])
-    if fault:
-        raise ReadFailed(path, fault[0], hint=fault[1])
-    text = plain(raw)
+    text = load(path)
+    titles, raw_rows = _titles(text)
     sensors: dict[str, Sensor] = {}
     for key, (name, unit) in SENSORS.items():
-        found = _sensor(path, text, name, key, unit)
+        found = _sensor(text, titles, name, key, unit)
         if found is not None:
             sensors[key] = found
-    place, learnt = _fixes(path, text, params.provider)
+    place, learnt = _fixes(text, titles, params.provider)
     if place is not None:
         sensors["gnss"] = place
     facts = {"time_scale": "UTC", "clock": "absolute", "format": "GnssLogger"}
@@ -79,44 +79,58 @@ def read(path: Path, params: GnssloggerParams) -> Streams:
     if not made:
         hint = "switch on Location and Sensors in the app's settings; raw observations alone are not read"
         raise ReadFailed(path, "it holds neither fixes nor sensors", hint=hint)
-    raw_rows = len(re.findall(rb"(?m)^Raw,", text))
     if raw_rows:
         learnt.append(Metric("raw_observations", float(raw_rows), note="lines, which are not read"))
     return {**made, "metrics": metrics([*learnt, *told])}
 
 
-def _rows(text: bytes, kind: str) -> tuple[tuple[str, ...], bytes]:
-    """The names of the columns of a kind of line, () where no comment tells, and its lines."""
-    title = re.search(rb"(?m)^#\s*" + kind.encode() + rb",([^\n]*)$", text)
-    names = tuple(title[1].decode("utf-8", "replace").strip().split(",")) if title else ()
-    return names, b"\n".join(re.findall(rb"(?m)^" + kind.encode() + rb",[^\n]*$", text))
+def _titles(text: Text) -> tuple[dict[str, tuple[str, ...]], int]:
+    """The names of the columns by the kind of line, as comments tell them; and how many raw observations there are."""
+    titles: dict[str, tuple[str, ...]] = {}
+    raw_rows = 0
+    for block in text.blocks():
+        raw_rows += len(re.findall(rb"(?m)^Raw,", block))
+        for kind, names in re.findall(rb"(?m)^#\s*(\w{1,30}),([^\n]*)$", block):
+            titles.setdefault(kind.decode(), tuple(names.decode("utf-8", "replace").strip().split(",")))
+    return titles, raw_rows
 
 
-def _table(path: Path, kind: str, names: tuple[str, ...], rows: bytes, wanted: tuple[str, ...]) -> Lines | None:
-    """The wanted columns of a kind of line, the first of which is the kind itself."""
-    if not rows or not names or not set(wanted) <= set(names):
+def _lines(
+    text: Text,
+    kind: str,
+    names: tuple[str, ...],
+    wanted: tuple[str, ...],
+    made: Callable[[pa.Table], Mapping[Any, NDArray[Any]]],
+) -> Lines | None:
+    """What is made of the wanted columns of a kind of line, the first of which is the kind itself."""
+    if not set(wanted) <= set(names):
         return None
-    whole = rows if rows.endswith(b"\n") else rows + b"\n"
-    form = Form((kind, *(n if names.index(n) == i else f"{n}#{i}" for i, n in enumerate(names))), {}, b",")
-    texts = {name: pa.string() if name == "Provider" else pa.float64() for name in wanted}
-    return read_lines(path, whole, 1, Form(form.names, texts, b","))
+    rows = text.lines_like(re.compile(rb"(?m)^" + kind.encode() + rb",[^\n]*\n"))
+    columns = (kind, *(n if names.index(n) == i else f"{n}#{i}" for i, n in enumerate(names)))
+    kinds = {name: pa.string() if name == "Provider" else pa.float64() for name in wanted}
+    return read_lines(text.path, rows, Form(columns, kinds, b","), made) if rows.size else None
 
 
-def _sensor(path: Path, text: bytes, name: str, key: str, unit: float) -> Sensor | None:
+def _sensor(text: Text, titles: Mapping[str, tuple[str, ...]], name: str, key: str, unit: float) -> Sensor | None:
     """A sensor, as the phone corrects it where that is logged."""
     for kind in (name, f"Uncal{name}"):
-        names, rows = _rows(text, kind)
-        axes, biases = names[2:5], names[5:8]
-        if len(axes) < 3 or names[:2] != _CLOCKS:
+        names = titles.get(kind, ())
+        if len(names) < 5 or names[:2] != _CLOCKS:
             continue
-        lines = _table(path, kind, names, rows, (*_CLOCKS, *axes, *(biases if len(biases) == 3 else ())))
-        if lines is None:
-            continue
-        values = columns(lines, axes)
-        if kind != name and len(biases) == 3:
-            values = values - np.nan_to_num(columns(lines, biases))
-        t_ns, missing = _on_utc(*columns(lines, _CLOCKS).T)
-        return Sensor(kind, lines, t_ns, missing, {key: unit * values}, numbered=False)
+        biases = names[5:8] if kind != name and len(names) >= 8 else ()
+
+        def made(table: pa.Table, names: tuple[str, ...] = names, biases: tuple[str, ...] = biases) -> dict[str, Array]:
+            found = {f"{key}_{axis}": vector(table, names[2 + n], gaps=True) for n, axis in enumerate("xyz")}
+            for (column, values), bias in zip(found.items(), biases, strict=False):
+                found[column] = values - np.nan_to_num(vector(table, bias, gaps=True))
+            clock = {each: vector(table, each, gaps=True) for each in _CLOCKS}
+            return clock | {column: unit * values for column, values in found.items()}
+
+        lines = _lines(text, kind, names, (*_CLOCKS, *names[2:5], *biases), made)
+        if lines is not None:
+            times, missing = _on_utc(*(lines.columns.pop(each) for each in _CLOCKS))
+            lines.columns["time"], lines.columns["missing"] = times, missing
+            return Sensor(kind, lines, lines.columns, numbered=False)
     return None
 
 
@@ -133,46 +147,52 @@ def _on_utc(utc_ms: Array, elapsed_ns: Array) -> tuple[Times, Mask]:
     return elapsed + (utc - elapsed)[int(missing.argmin())], missing
 
 
-def _fixes(path: Path, text: bytes, provider: str) -> tuple[Sensor | None, list[Metric]]:
-    names, rows = _rows(text, "Fix")
+def _fixes(text: Text, titles: Mapping[str, tuple[str, ...]], provider: str) -> tuple[Sensor | None, list[Metric]]:
+    names = titles.get("Fix", ())
     found = {key: next((name for name in choice if name in names), None) for key, choice in _FIX.items()}
-    needed = ("lat", "lon", "time")
-    if not rows:
-        return None, []
-    if "Provider" not in names or any(found[key] is None for key in needed):
-        return None, [warning("no comment names the columns of the fixes: they are left out")]
     present = {key: name for key, name in found.items() if name is not None}
-    lines = _table(path, "Fix", names, rows, ("Provider", *present.values()))
+    if "Provider" not in names or not {"lat", "lon", "time"} <= present.keys():
+        there = any(block.startswith(b"Fix,") or b"\nFix," in block for block in text.blocks())
+        return None, [warning("no comment names the columns of the fixes: they are left out")] * there
+
+    def made(table: pa.Table) -> dict[str, NDArray[Any]]:
+        from pyarrow import compute
+
+        source = compute.index_in(compute.utf8_upper(table["Provider"]), value_set=pa.array(PROVIDERS))
+        values = {key: vector(table, name, gaps=True) for key, name in present.items()}
+        time_ms = values.pop("time")
+        missing = ~((time_ms > 0.0) & (time_ms < 1e-6 * _LATEST_NS))
+        t_ns = np.where(missing, 0.0, time_ms).astype(np.int64) * 1_000_000
+        sources = np.asarray(source.fill_null(-1)).astype(np.int8)
+        return {"time": t_ns, "missing": missing, "source": sources, **_place(values)}
+
+    lines = _lines(text, "Fix", names, ("Provider", *present.values()), made)
     if lines is None:
         return None, []
-    sources = [str(source or "").upper() for source in lines.table["Provider"].to_pylist()]
-    counts = {name: sources.count(name) for name in PROVIDERS}
+    source = lines.columns.pop("source")
+    counts = {name: int((source == n).sum()) for n, name in enumerate(PROVIDERS)}
     chosen = provider if provider != "auto" else next((name for name in PROVIDERS if counts[name]), "GPS")
     told = ", ".join(f"{count} of {name}" for name, count in counts.items())
     learnt = [Metric("fixes", float(counts[chosen]), method=chosen, note=f"in the log: {told}")]
     if chosen == "NLP":
         learnt.append(warning("the only fixes are of the network, some 20 m to km off"))
-    values = dict(zip(present, columns(lines, tuple(present.values())).T, strict=True))
-    time_ms = values.pop("time")
-    missing = ~((time_ms > 0.0) & (time_ms < 1e-6 * _LATEST_NS)) | (np.array(sources) != chosen)
-    t_ns = np.where(missing, 0.0, time_ms).astype(np.int64) * 1_000_000
-    values = {name: np.where(missing, np.nan, column) for name, column in values.items()}
-    return Sensor(f"fixes of {chosen}", lines, t_ns, missing, _place(values), numbered=False), learnt
+    rows = source == PROVIDERS.index(chosen)
+    columns = {name: kept(lines.columns.pop(name), rows) for name in list(lines.columns)}
+    return Sensor(f"fixes of {chosen}", lines, columns, numbered=False), learnt
 
 
-def _place(values: dict[str, Array]) -> dict[str, Array]:
-    """Groups of gnss; accuracies are those of 68 %."""
+def _place(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns of gnss; accuracies are those of 68 %."""
+    columns = {name: values[name] for name in ("lat", "lon", "height", "speed") if name in values}
+    if "course" in values:
+        columns["course"] = np.radians(values["course"])
+    wide, fast, high = (np.where(values[k] > 0.0, values[k], np.nan) if k in values else None for k in _ACCURACIES)
     none = np.full(len(values["lat"]), np.nan)
-    wide, fast, high = (
-        np.where(values.get(k, none) > 0.0, values.get(k, none), np.nan) for k in ("wide", "fast", "high")
-    )
-    groups: dict[str, Array] = {
-        **{name: values[name] for name in values if name in ("lat", "lon", "height", "speed")},
-        "course": np.radians(values.get("course", none)),
-        "pos_std": np.column_stack([wide / CIRCLE, wide / CIRCLE, high]),
-        "vel_std": np.column_stack([fast, fast, none]),
-    }
-    return {name: value for name, value in groups.items() if np.isfinite(value).any()}
+    if wide is not None:
+        columns |= {"pos_std_e": wide / CIRCLE, "pos_std_n": wide / CIRCLE, "pos_std_u": none if high is None else high}
+    if fast is not None:
+        columns |= {"vel_std_e": fast, "vel_std_n": fast, "vel_std_u": none}
+    return columns
 
 
 def sniff(path: Path, head: bytes) -> Sniff:

@@ -30,18 +30,18 @@ from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.joining import combine
 from recon.numerics.gnss_time import GPS_EPOCH_NS, NS, WEEK_NS, gps_to_utc
-from recon.numerics.rotation import from_euler, yaw_from_heading
+from recon.numerics.rotation import yaw_from_heading
 from recon.parameters import Params, setting
 from recon.recording import Recording
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams, vector, with_meta
-from recon_readers._arrays import FRONT_RIGHT_DOWN
-from recon_readers._delimited import HEAD_BYTES, TIME_TYPE, contents, not_text, whole_ns
+from recon.tables import Array, Streams, with_meta
+from recon_readers._delimited import HEAD_BYTES, TIME_TYPE, not_text
 from recon_readers._lines import Form, Lines, read_lines
-from recon_readers._streams import Source, reference_groups, stream
-from recon_readers._text_blocks import plain
+from recon_readers._reference import reference_columns
+from recon_readers._streams import Source, stream
+from recon_readers._text_blocks import Text, plain
 from recon_readers._time_order import Mask, Times, in_order
 
 LOOK_AT: Final = 50
@@ -169,14 +169,14 @@ def _feels_gravity(top: Array) -> bool:
 
 def _table(path: Path, names: tuple[str, ...]) -> Lines:
     kinds = {name: TIME_TYPE if name == "tow" else pa.float64() for name in names}
-    return read_lines(path, plain(contents(path)), 1, Form(names, kinds))
+    return read_lines(path, Text.open(path), Form(names, kinds))
 
 
 def _week(tables: Mapping[Path, Lines]) -> int | None:
     """The week in which the references begin; None where there is none."""
     for lines in tables.values():
-        if "week" in lines.table.column_names:
-            weeks = vector(lines.table, "week", gaps=True)
+        if "week" in lines.columns:
+            weeks = lines.columns["week"]
             known = weeks[(weeks >= 0) & (weeks < 10_000)]
             if len(known):
                 return int(np.median(known[:LOOK_AT]))
@@ -185,11 +185,11 @@ def _week(tables: Mapping[Path, Lines]) -> int | None:
 
 def _times(lines: Lines, week: int | None) -> tuple[Times, Mask]:
     """UTC where the week is known, else since its beginning: (n,) ns; and which rows have none, (n,) bool."""
-    tow_ns, missing = whole_ns(lines.table["tow"])
+    tow_ns, missing = lines.columns.pop("tow"), lines.columns.pop("no_tow")
     missing = missing | (tow_ns < 0) | (tow_ns > 10 * WEEK_NS)
     weeks = np.zeros(len(tow_ns), dtype=np.int64)
-    if "week" in lines.table.column_names and week is not None:
-        told = vector(lines.table, "week", gaps=True)
+    told = lines.columns.pop("week", None)
+    if told is not None and week is not None:
         known = (told >= 0) & (told < 10_000)
         weeks[known], missing = told[known].astype(np.int64) - week, missing | ~known
     else:
@@ -204,10 +204,6 @@ def _times(lines: Lines, week: int | None) -> tuple[Times, Mask]:
 # --- streams --------------------------------------------------------------------------------------------------------
 
 
-def _columns(lines: Lines, *names: str) -> Array:
-    return np.column_stack([vector(lines.table, name, gaps=True) for name in names])
-
-
 def _imu(lines: Lines, t_ns: Times, missing: Mask) -> tuple[pa.Table | None, list[Metric]]:
     """Mean rates over the steps, at their middle; the first row, whose step is not known, is left out."""
     usable = in_order(t_ns, missing)
@@ -215,15 +211,17 @@ def _imu(lines: Lines, t_ns: Times, missing: Mask) -> tuple[pa.Table | None, lis
     step_ns = np.diff(t_ns[rows])
     good = (step_ns > 0) & (step_ns <= LONGEST_STEP_S * NS)
     rows, step_ns = rows[1:][good], step_ns[good]
-    rate = _columns(lines, *LAYOUTS["imu"][1:])[rows] / (step_ns * 1e-9)[:, None]
-    groups = {"accel": rate[:, 3:] * FRONT_RIGHT_DOWN, "gyro": rate[:, :3] * FRONT_RIGHT_DOWN}
+    groups = {}
+    for name, logged in zip(IMU.only("accel", "gyro").names[1:], ("ax", "ay", "az", "gx", "gy", "gz"), strict=True):
+        groups[name] = lines.columns.pop(logged)[rows] / (step_ns * (-1e-9 if name[-1] in "yz" else 1e-9))
+    times = t_ns[rows] - step_ns // 2
+    left_out = lines.rows - len(rows) - 1
     source = Source(lines.path, "imu", lambda row: lines.line(int(rows[row])))
-    made, told = stream(source, IMU, t_ns[rows] - step_ns // 2, np.zeros(len(rows), dtype=bool), groups)
+    made, told = stream(source, IMU, times, np.zeros(len(rows), dtype=bool), groups)
     learnt = [
         Metric("axes", note="imu: logged along forward, right, down; given along forward, left, up"),
         Metric("increments", float(len(rows)), note="divided by their steps, given at the middle of each step"),
     ]
-    left_out = lines.table.num_rows - len(rows) - 1
     if left_out > 0:
         note = f"of imu: no row at most {LONGEST_STEP_S:g} s before, or a time out of order"
         learnt.append(Metric("rows_left_out", float(left_out), note=note))
@@ -231,23 +229,27 @@ def _imu(lines: Lines, t_ns: Times, missing: Mask) -> tuple[pa.Table | None, lis
 
 
 def _gnss(lines: Lines, t_ns: Times, missing: Mask) -> tuple[pa.Table | None, list[Metric]]:
-    lat, lon, height = _columns(lines, "lat", "lon", "height").T
-    groups = {"lat": lat, "lon": lon, "height": height, "pos_std": _columns(lines, "se", "sn", "sd")}
-    if "vn" in lines.table.column_names:
-        groups["vel"] = _columns(lines, "ve", "vn", "vd") * (1.0, 1.0, -1.0)
-        groups["vel_std"] = _columns(lines, "sve", "svn", "svd")
-    made, told = stream(Source(lines.path, "gnss", lines.line), GNSS, t_ns, missing, groups)
+    columns = {name: lines.columns.pop(name) for name in ("lat", "lon", "height")}
+    columns |= {f"pos_std_{axis}": lines.columns.pop(f"s{logged}") for axis, logged in zip("enu", "end", strict=True)}
+    if "vn" in lines.columns:
+        columns |= dict(zip(("vel_e", "vel_n", "vel_u"), _velocity(lines), strict=True))
+        columns |= {f"vel_std_{axis}": lines.columns.pop(f"sv{way}") for axis, way in zip("enu", "end", strict=True)}
+    made, told = stream(Source(lines.path, "gnss", lines.line), GNSS, t_ns, missing, columns)
     return (None if made is None else with_meta(made, height_datum="ellipsoid")), told
 
 
+def _velocity(lines: Lines) -> list[Array]:
+    """East, north, up."""
+    return [lines.columns.pop("ve"), lines.columns.pop("vn"), -lines.columns.pop("vd")]
+
+
 def _reference(lines: Lines, t_ns: Times, missing: Mask) -> tuple[pa.Table | None, list[Metric]]:
-    roll, pitch, heading = np.radians(_columns(lines, "roll", "pitch", "heading")).T
-    vel = _columns(lines, "ve", "vn", "vd") * (1.0, 1.0, -1.0)
-    q = from_euler(yaw_from_heading(heading), -pitch, roll)
-    groups, facts = reference_groups(_columns(lines, "lat", "lon", "height"), vel, q)
-    if not groups:
+    place = [lines.columns.pop(name) for name in ("lat", "lon", "height")]
+    roll, pitch, heading = (np.radians(lines.columns.pop(name)) for name in ("roll", "pitch", "heading"))
+    columns, facts = reference_columns(place, _velocity(lines), (yaw_from_heading(heading), -pitch, roll))
+    if not columns:
         return None, []
-    made, told = stream(Source(lines.path, "reference", lines.line), REFERENCE, t_ns, missing, groups)
+    made, told = stream(Source(lines.path, "reference", lines.line), REFERENCE, t_ns, missing, columns)
     return (None if made is None else with_meta(made, **facts)), told
 
 

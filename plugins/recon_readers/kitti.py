@@ -27,14 +27,14 @@ import pyarrow as pa
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.numerics.gnss_time import NS
-from recon.numerics.rotation import from_euler
 from recon.parameters import Params, quantity
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
 from recon_readers._delimited import contents
-from recon_readers._streams import Source, reference_groups, stream
+from recon_readers._reference import reference_columns
+from recon_readers._streams import Source, stream
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
 
@@ -117,7 +117,7 @@ def _groups(packets: Array) -> tuple[dict[str, dict[str, Array]], dict[str, Any]
     with np.errstate(invalid="ignore"):
         roll, pitch, yaw = np.where(np.abs(packets[:, 3:6]) < 100.0, packets[:, 3:6], np.nan).T
     vel = packets[:, (7, 6, 10)]
-    world, facts = reference_groups(packets[:, :3], vel, from_euler(yaw, pitch, roll))
+    world, facts = reference_columns(list(packets[:, :3].T), list(vel.T), (yaw, pitch, roll))
     if not world:
         return {}, {}
     place = {name: world[name] for name in ("lat", "lon", "height")}

@@ -30,15 +30,16 @@ from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import NoParams
 from recon.rows import Event, Metric, events, metrics, warning
-from recon.schema import EVENTS, IMU, Change
+from recon.schema import EVENTS, IMU, Change, spread
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams, vector, with_meta
+from recon.tables import Array, Streams, with_meta
 from recon.units import convert
 from recon_readers._arrays import FRONT_RIGHT_DOWN, interleave
-from recon_readers._delimited import TIME_TYPE, contents, whole_ns
+from recon_readers._columns import kept
+from recon_readers._delimited import TIME_TYPE, contents
 from recon_readers._lines import COPIED, Form, read_lines
 from recon_readers._streams import Source, stream
-from recon_readers._text_blocks import plain
+from recon_readers._text_blocks import Text, plain
 from recon_readers._time_order import Times, in_order, repeating
 
 UNITS: Final = {("AC", "G'S"): ("accel", "g"), ("AV", "DPS"): ("gyro", "deg/s")}
@@ -182,21 +183,19 @@ def _stream(name: str, group: list[Channel], files: Mapping[Channel, Path]) -> t
     curves: dict[str, tuple[Times, Array]] = {}
     learnt: list[Metric] = []
     for channel in group:
-        key = f"{channel.group} {channel.axis}"
-        if key in curves:
+        column = f"{channel.group}_{AXES[channel.axis].lower()}"
+        if column in curves:
             learnt.append(warning(f"channel {channel.number} is a second one of its place and axis: it is not read"))
             continue
         t_ns, values, told = _curve(files[channel])
-        curves[key] = (t_ns, convert(values, channel.unit, "m/s^2" if channel.group == "accel" else "rad/s"))
+        unit = convert(1.0, channel.unit, "m/s^2" if channel.group == "accel" else "rad/s")
+        curves[column] = (t_ns, values * (unit * FRONT_RIGHT_DOWN[channel.axis]))
         learnt += told
-    t_ns, spread = interleave(curves)
-    groups: dict[str, Array] = {}
-    for key, values in spread.items():
-        quantity, _, axis = key.partition(" ")
-        into = groups.setdefault(quantity, np.full((len(t_ns), 3), np.nan))
-        into[:, int(axis)] = values * FRONT_RIGHT_DOWN[int(axis)]
+    t_ns, columns = interleave(curves)
     source = Source(files[group[0]], name)
-    made, told = stream(source, _IMU, t_ns, np.zeros(len(t_ns), dtype=bool), groups)
+    for quantity in sorted({channel.group for channel in group}):  # an axis that was not measured is null
+        columns |= {axis: np.full(len(t_ns), np.nan) for axis in spread(quantity, _IMU.names) if axis not in columns}
+    made, told = stream(source, _IMU, t_ns, np.zeros(len(t_ns), dtype=bool), columns)
     facts = {"clock": "relative", "format": "NHTSA EV5", "axes": "FRD", "place": group[0].place}
     return (None if made is None else with_meta(made, **facts)), [*learnt, *told]
 
@@ -204,11 +203,11 @@ def _stream(name: str, group: list[Channel], files: Mapping[Channel, Path]) -> t
 def _curve(path: Path) -> tuple[Times, Array, list[Metric]]:
     """Times (n,) ns that rise and values (n,) of a channel. Raises ReadFailed."""
     form = Form(("time", "value"), {"time": TIME_TYPE, "value": pa.float64()})
-    lines = read_lines(path, plain(contents(path)), 1, form)
-    t_ns, missing = whole_ns(lines.table["time"])
+    lines = read_lines(path, Text.open(path), form)
+    t_ns, missing = lines.columns.pop("time"), lines.columns.pop("no_time")
     rows = in_order(t_ns, missing)
     rows &= ~repeating(t_ns, [rows])
-    return t_ns[rows], vector(lines.table, "value", gaps=True)[rows], lines.learnt() if lines.skipped else []
+    return kept(t_ns, rows), kept(lines.columns.pop("value"), rows), lines.learnt() if lines.skipped else []
 
 
 def _closing_speed(sections: Mapping[str, list[list[str]]]) -> list[Metric]:

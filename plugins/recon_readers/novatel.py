@@ -25,16 +25,18 @@ import pyarrow as pa
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.numerics.gnss_time import NS, gps_to_utc
-from recon.numerics.rotation import from_euler, yaw_from_heading
+from recon.numerics.rotation import yaw_from_heading
 from recon.parameters import NoParams
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, REFERENCE, Change
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave
+from recon_readers._columns import Columns, kept
 from recon_readers._novatel_logs import LOGS, Found, find_logs, read_logs
-from recon_readers._streams import Source, reference_groups, stream
-from recon_readers._time_order import Times, in_order, repeating
+from recon_readers._reference import reference_columns
+from recon_readers._streams import Source, stream
+from recon_readers._time_order import Mask, Times, in_order, repeating
 
 ALIGNED: Final = (2.0, 3.0, 6.0, 7.0)
 """Statuses of INS with a solution: high variance, good, free, alignment complete."""
@@ -81,75 +83,84 @@ def _about(found: Found) -> str:
 
 def _gnss(path: Path, found: Found) -> _Made:
     """Positions and velocities at their own times, as one stream."""
-    pos_ns, pos = found.rows("BESTPOS", "BESTGNSSPOS")
-    vel_ns, vel = found.rows("BESTVEL", "BESTGNSSVEL")
-    if not len(pos) and not len(vel):
-        return None, []
+    pos, vel = found.columns("BESTPOS", "BESTGNSSPOS"), found.columns("BESTVEL", "BESTGNSSVEL")
     parts: dict[str, tuple[Times, Array]] = {}
-    if len(pos):
-        status, lat, lon, msl, undulation, sn, se, su, satellites = pos.T
-        columns = np.column_stack([lat, lon, msl + undulation, se, sn, su, satellites])
-        parts["place"] = _rising(gps_to_utc(pos_ns), columns, status == 0.0)
-    if len(vel):
-        status, latency, speed, course_deg, _ = vel.T
+    if pos:
+        pos["height"] = pos["height"] + pos.pop("undulation")
+        parts |= _rising(gps_to_utc(pos.pop("time")), pos, pos.pop("status") == 0.0)
+    if vel:
+        del vel["vertical_speed"]
+        latency = vel.pop("latency")
         delay_us = np.round(np.where(np.abs(latency) < 10.0, latency, 0.0) * 1e6)  # a float of 24 bits
-        times = gps_to_utc(vel_ns) - delay_us.astype(np.int64) * 1000
-        parts["motion"] = _rising(times, np.column_stack([speed, np.radians(course_deg)]), status == 0.0)
-    t_ns, spread = interleave(parts)
-    groups: dict[str, Array] = {}
-    if "place" in spread:
-        groups.update(zip(("lat", "lon", "height"), spread["place"][:, :3].T, strict=True))
-        groups |= {"pos_std": spread["place"][:, 3:6], "satellites": spread["place"][:, 6]}
-    if "motion" in spread:
-        groups |= {"speed": spread["motion"][:, 0], "course": spread["motion"][:, 1]}
-    made, learnt = stream(Source(path, "gnss"), GNSS, t_ns, np.zeros(len(t_ns), dtype=bool), groups)
+        vel["course"] = np.radians(vel["course"])
+        times = gps_to_utc(vel.pop("time")) - delay_us.astype(np.int64) * 1000
+        parts |= _rising(times, vel, vel.pop("status") == 0.0)
+    if not parts:
+        return None, []
+    t_ns, columns = interleave(parts)
+    made, learnt = stream(Source(path, "gnss"), GNSS, t_ns, np.zeros(len(t_ns), dtype=bool), columns)
     facts: dict[str, Any] = {"height_datum": "ellipsoid", "heading_kind": "course_true"}
     return (None if made is None else with_meta(made, **facts)), learnt
 
 
-def _rising(t_ns: Times, values: Array, valid: Array) -> tuple[Times, Array]:
-    """Rows with a solution, at times that rise."""
-    usable = in_order(t_ns, ~valid.astype(bool))
+def _rising(t_ns: Times, columns: Columns, valid: Mask) -> dict[str, tuple[Times, Array]]:
+    """The columns, which are emptied, in rows with a solution, at times that rise."""
+    usable = in_order(t_ns, ~valid)
     usable &= ~repeating(t_ns, [usable])
-    return t_ns[usable], values[usable]
+    times = kept(t_ns, usable)
+    return {name: (times, kept(columns.pop(name), usable)) for name in list(columns)}
 
 
 def _reference(path: Path, found: Found) -> _Made:
-    gps_ns, rows = found.rows("INSPVAX")
-    if len(rows):
-        status, place, undulation, vel_neu, angles = np.split(rows, (1, 4, 5, 8), axis=1)
-        place = place + undulation * (0.0, 0.0, 1.0)
-    else:
-        gps_ns, rows = found.rows("INSPVA", "INSPVAS")
-        place, vel_neu, angles, status = np.split(rows, (3, 6, 9), axis=1)
-    if not len(rows):
+    rows = found.columns("INSPVAX", "INSPVA", "INSPVAS")
+    if not rows:
         return None, []
+    if "undulation" in rows:
+        rows["height"] = rows["height"] + rows.pop("undulation")
+    t_ns, status = gps_to_utc(rows.pop("time")), rows.pop("status")
     with np.errstate(invalid="ignore"):
-        roll, pitch, azimuth = np.radians(np.where(np.abs(angles) < 1e4, angles, np.nan)).T
-    q = from_euler(yaw_from_heading(azimuth), -pitch, roll)
-    groups, facts = reference_groups(place, vel_neu[:, (1, 0, 2)], q)
-    if not groups:
+        angles = [np.radians(np.where(np.abs(a) < 1e4, a, np.nan)) for a in _popped(rows, "azimuth", "pitch", "roll")]
+    yaw_pitch_roll = (yaw_from_heading(angles[0]), -angles[1], angles[2])
+    place, vel_n = _popped(rows, "lat", "lon", "height"), _popped(rows, "vel_e", "vel_n", "vel_u")
+    columns, facts = reference_columns(place, vel_n, yaw_pitch_roll)
+    if not columns:
         return None, []
-    made, learnt = stream(
-        Source(path, "reference"), REFERENCE, gps_to_utc(gps_ns), ~np.isin(status[:, 0], ALIGNED), groups
-    )
+    made, learnt = stream(Source(path, "reference"), REFERENCE, t_ns, ~np.isin(status, ALIGNED), columns)
     return (None if made is None else with_meta(made, **facts)), learnt
+
+
+def _popped(columns: Columns, *names: str) -> list[Array]:
+    return [columns.pop(name) for name in names]
 
 
 def _imu(path: Path, found: Found) -> _Made:
     """Mean rates over the steps of CORRIMUDATA, at their middle; the first log has none and is left out."""
-    gps_ns, rows = found.rows("CORRIMUDATA", "CORRIMUDATAS")
-    if len(rows) < 2:
+    rows = found.columns("CORRIMUDATA", "CORRIMUDATAS")
+    if not rows or len(rows["time"]) < 2:
         return None, []
-    t_ns, rows = _rising(gps_to_utc(gps_ns), rows, np.ones(len(rows)))
+    t_ns = gps_to_utc(rows.pop("time"))
+    parts = _rising(t_ns, rows, np.ones(len(t_ns), dtype=bool))
+    t_ns = next(iter(parts.values()))[0]
     step_ns = np.diff(t_ns)
     good = step_ns <= LONGEST_STEP_S * NS
-    rate = rows[1:][good] / (step_ns[good] * 1e-9)[:, None]
-    groups = {name: rate[:, at : at + 3][:, (1, 0, 2)] * (1.0, -1.0, 1.0) for name, at in (("gyro", 0), ("accel", 3))}
+    columns = {}
+    for name, (logged, sign) in _CORRECTED.items():
+        columns[name] = parts.pop(logged)[1][1:][good] / (step_ns[good] * (sign * 1e-9))
     times = t_ns[1:][good] - step_ns[good] // 2
-    made, learnt = stream(Source(path, "imu"), _IMU, times, np.zeros(len(times), dtype=bool), groups)
+    made, learnt = stream(Source(path, "imu"), _IMU, times, np.zeros(len(times), dtype=bool), columns)
     note = "imu: CORRIMUDATA, right, forward, up of the vehicle, given as forward, left, up; without gravity and biases"
     return made, [Metric("axes", note=note), *learnt]
+
+
+_CORRECTED: Final = {
+    "accel_x": ("longitudinal", 1.0),
+    "accel_y": ("lateral", -1.0),
+    "accel_z": ("vertical", 1.0),
+    "gyro_x": ("roll_rate", 1.0),
+    "gyro_y": ("pitch_rate", -1.0),
+    "gyro_z": ("yaw_rate", 1.0),
+}
+"""Increments of CORRIMUDATA about and along right, forward, up by columns along forward, left, up; and their sense."""
 
 
 @hookimpl

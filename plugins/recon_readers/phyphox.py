@@ -18,19 +18,20 @@ import re
 from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path, PurePosixPath
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams, with_meta
+from recon.tables import Array, Streams, vector, with_meta
 from recon_readers._phone_files import Files, Sheet, files_of, header_of, is_zip, sheet_of
-from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, columns, streams_of
+from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
 from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 
@@ -76,7 +77,7 @@ def read(path: Path, params: PhyphoxParams) -> Streams:
     clock = _clock(files)
     sensors: dict[str, Sensor] = {}
     for name in _csv_names(files):
-        sheet = sheet_of(files.label(name), files.read(name))
+        sheet = sheet_of(files, name)
         known = _known(sheet.names, name)
         sensor = _sensor(sheet, known, clock) if known else None
         if known and sensor:
@@ -142,27 +143,26 @@ def _is_linear(file: str) -> bool:
 
 
 def _sensor(sheet: Sheet, known: _Known, clock: _Clock | None) -> Sensor | None:
-    wanted = tuple(known.columns.values())
-    lines = sheet.lines(dict.fromkeys((known.time, *wanted), pa.float64()))
-    if lines is None:
-        return None
-    t_ns, missing = _times(columns(lines, (known.time,))[:, 0], clock)
-    values = dict(zip(known.columns, columns(lines, wanted).T, strict=True))
-    name = PurePosixPath(sheet.path.name).stem
-    return Sensor(name, lines, t_ns, missing, _groups(known.kind, values))
+    def made(table: pa.Table) -> dict[Any, NDArray[Any]]:
+        t_ns, missing = _times(vector(table, known.time, gaps=True), clock)
+        values = {what: vector(table, name, gaps=True) for what, name in known.columns.items()}
+        return {"time": t_ns, "missing": missing, **_columns(known.kind, values)}
+
+    lines = sheet.lines(dict.fromkeys((known.time, *known.columns.values()), pa.float64()), made)
+    return Sensor(PurePosixPath(sheet.path.name).stem, lines, lines.columns) if lines is not None else None
 
 
-def _groups(kind: str, values: dict[str, Array]) -> dict[str, Array]:
-    """Groups of a stream in its units."""
+def _columns(kind: str, values: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns of a stream in its units."""
     if kind == "gnss":
         return _place(values)
     if kind == "baro":
         return {"pressure": 100.0 * values["pressure"]}
-    xyz = np.column_stack([values[axis] for axis in "xyz"])
-    return {"accel": xyz} if kind == "linear" else {kind: 1e-6 * xyz if kind == "mag" else xyz}
+    group, unit = {"linear": ("accel", 1.0), "mag": ("mag", 1e-6)}.get(kind, (kind, 1.0))
+    return {f"{group}_{axis}": unit * values[axis] for axis in "xyz"}
 
 
-def _place(values: dict[str, Array]) -> dict[str, Array]:
+def _place(values: Mapping[str, Array]) -> dict[str, Array]:
     found: dict[str, Array] = {name: values[name] for name in values if name in ("lat", "lon", "height")}
     if "speed" in values:
         found["speed"] = np.where(values["speed"] < 0.0, np.nan, values["speed"])
@@ -170,7 +170,7 @@ def _place(values: dict[str, Array]) -> dict[str, Array]:
         found["course"] = np.where(values["course"] < 0.0, np.nan, np.radians(values["course"]))
     if "wide" in values:
         wide = np.where(values["wide"] > 0.0, values["wide"] / CIRCLE, np.nan)
-        found["pos_std"] = np.column_stack([wide, wide, values.get("high", np.full(len(wide), np.nan))])
+        found |= {"pos_std_e": wide, "pos_std_n": wide, "pos_std_u": values.get("high", np.full(len(wide), np.nan))}
     return found
 
 
@@ -189,8 +189,8 @@ def _clock(files: Files) -> _Clock | None:
     raw = files.optional(TIMES)
     if raw is None:
         return None
-    names, separator = header_of(plain(raw[:65536]).partition(b"\n")[0])
-    text = plain(raw[:65536]).decode("utf-8", "replace").replace("\0", "")
+    names, separator = header_of(raw.partition(b"\n")[0])
+    text = raw.decode("utf-8", "replace").replace("\0", "")
     starts = []
     try:
         for row in csv.DictReader(text.split("\n")[1:], fieldnames=list(names), delimiter=separator.decode()):
@@ -210,7 +210,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     if path.is_dir() or is_zip(path):
         try:
             files = files_of(path)
-            tables = [name for name in _csv_names(files)[:20] if _is_known(files.read(name), name)]
+            tables = [name for name in _csv_names(files)[:20] if _is_known(files.head(name), name)]
         except ReadFailed:
             return Sniff(0.0, "no whole zip")
         if not tables:
@@ -221,7 +221,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
 
 
 def _is_known(head: bytes, name: str) -> bool:
-    names, _ = header_of(plain(head[:65536]).partition(b"\n")[0])
+    names, _ = header_of(plain(head).partition(b"\n")[0])
     return _known(names, name) is not None
 
 

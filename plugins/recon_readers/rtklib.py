@@ -23,6 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
@@ -33,10 +34,10 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
-from recon_readers._delimited import TIME_TYPE, contents, whole_ns
-from recon_readers._lines import COPIED, Form, Lines, read_lines
+from recon_readers._delimited import TIME_TYPE, whole_ns
+from recon_readers._lines import COPIED, Form, read_lines
 from recon_readers._streams import Source, stream
-from recon_readers._text_blocks import plain
+from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
 
@@ -49,6 +50,7 @@ _GROUPS: Final = {
     "pos_std": ("sde", "sdn", "sdu"),
     "vel_std": ("sdve", "sdvn", "sdvu"),
 }
+_TIMES: Final = ("date", "clock", "week", "tow")
 _DATE: Final = re.compile(rb"\d{4}/\d\d/\d\d")
 
 
@@ -63,22 +65,21 @@ class _Layout:
 
 def read(path: Path, params: NoParams) -> Streams:
     """The stream gnss. Raises ReadFailed."""
-    text = plain(contents(path))
-    first, header = _rows_begin(path, text)
-    layout = _layout(path, header, text[first:], 1 + text.count(b"\n", 0, first))
-    wanted = [name for name in layout.names if name in _NAMES]
-    kinds = {name: _kind(name) for name in wanted}
-    separator = _separator(text[first : first + 4096])
-    form = Form(layout.names, kinds, separator, b"%")
-    lines = read_lines(path, text[first:], 1 + text.count(b"\n", 0, first), form)
-    t_ns, missing = _times(lines, layout)
-    groups, facts = _groups(lines)
-    source = Source(path, "gnss", lines.line)
-    facts |= {"height_datum": layout.datum} if "lat" in groups else {}
-    gnss, told = stream(source, GNSS, t_ns, missing, groups)
+    text = Text.open(path)
+    first, header = _rows_begin(path, text.head)
+    layout = _layout(path, header, text.head[first : first + 4096], len(header) + 1)
+    kinds = {name: _kind(name) for name in layout.names if name in _NAMES}
+    form = Form(layout.names, kinds, _separator(text.head[first : first + 4096]), b"%")
+    lines = read_lines(path, text, form, _columns, start=first, first_line=len(header) + 1)
+    rows = lines.columns
+    t_ns = _utc(rows.pop("time"), rows["missing"], layout)
+    quality = _quality(rows.pop("Q", np.zeros(0)))
+    missing = rows.pop("missing")
+    facts: dict[str, str] = {"height_datum": layout.datum} if "lat" in rows else {"origin": "base station"}
+    gnss, told = stream(Source(path, "gnss", lines.line), GNSS, t_ns, missing, rows)
     if gnss is None:
         raise ReadFailed(path, "no row holds a time and a position", line=lines.first_line, hint=COPIED)
-    learnt = [*lines.learnt(), *_quality(lines), Metric("time_scale", note=f"{layout.scale} in the file"), *told]
+    learnt = [*lines.learnt(), *quality, Metric("time_scale", note=f"{layout.scale} in the file"), *told]
     table = with_meta(gnss, clock="absolute", time_scale="UTC", format="RTKLIB", **facts)
     return {"gnss": table, "metrics": metrics(learnt)}
 
@@ -162,48 +163,49 @@ def _separator(rows: bytes) -> bytes:
     return next((mark for mark in (b",", b";") if line.count(mark) > 3), b" ")
 
 
-def _times(lines: Lines, layout: _Layout) -> tuple[Times, Mask]:
+def _columns(table: pa.Table) -> dict[str, NDArray[Any]]:
+    """Of some rows: times in the scale of the file and whether they are missing, columns of the stream, and Q."""
+    t_ns, missing = _times(table)
+    told = {name: vector(table, name, gaps=True) for name in table.column_names if name not in _TIMES}
+    columns: dict[str, NDArray[Any]] = {"time": t_ns, "missing": missing, **_place(told)}
+    for group, names in _GROUPS.items():
+        if told.keys() >= set(names) and "x-ecef" not in told:
+            columns |= {f"{group}_{axis}": told[name] for axis, name in zip("enu", names, strict=True)}
+    named = {"ns": "satellites", "Q": "Q"}
+    return columns | {named[name]: told[name] for name in named.keys() & told.keys()}
+
+
+def _times(table: pa.Table) -> tuple[Times, Mask]:
     from pyarrow import compute
 
-    table = lines.table
     if "date" in table.column_names:
         t_ns, good = moments(compute.binary_join_element_wise(table["date"], table["clock"], " "))
-        missing = ~good
-    else:
-        week, no_week = whole_ns(table["week"], 0)
-        tow_ns, no_tow = whole_ns(table["tow"])
-        missing = no_week | no_tow | (week < 0) | (week > 10_000) | (tow_ns < 0) | (tow_ns > WEEK_NS)
-        t_ns = GPS_EPOCH_NS + np.where(missing, 0, week) * WEEK_NS + np.where(missing, 0, tow_ns)
+        return t_ns, ~good
+    week, no_week = whole_ns(table["week"], 0)
+    tow_ns, no_tow = whole_ns(table["tow"])
+    missing = no_week | no_tow | (week < 0) | (week > 10_000) | (tow_ns < 0) | (tow_ns > WEEK_NS)
+    return GPS_EPOCH_NS + np.where(missing, 0, week) * WEEK_NS + np.where(missing, 0, tow_ns), missing
+
+
+def _utc(t_ns: Times, missing: Mask, layout: _Layout) -> Times:
+    """Times in UTC of times in the scale of the file, both (n,) ns."""
     if layout.scale == "JST":
-        return t_ns - JST_NS, missing
+        return t_ns - JST_NS
     if layout.scale == "GPST" and not missing.all():
-        known = np.flatnonzero(~missing)
-        return t_ns - (t_ns[known[0]] - gps_to_utc(t_ns[known[:1]])[0]), missing
-    return t_ns, missing
+        first = int(np.argmin(missing))
+        return t_ns - (t_ns[first : first + 1] - gps_to_utc(t_ns[first : first + 1]))
+    return t_ns
 
 
-def _groups(lines: Lines) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Columns of the stream, and facts that they bring."""
-    there = set(lines.table.column_names)
-    read_column = {name: vector(lines.table, name, gaps=True) for name in there - {"date", "clock", "week", "tow"}}
-    groups: dict[str, Array] = {}
-    facts: dict[str, Any] = {}
-    if there.issuperset(_PLACES[2]):
-        pos_e = np.column_stack([read_column[name] for name in _PLACES[2]])
+def _place(told: Mapping[str, Array]) -> dict[str, Array]:
+    """lat, lon and height, or the baseline as pos_e, pos_n, pos_u."""
+    if told.keys() >= set(_PLACES[2]):
+        pos_e = np.column_stack([told[name] for name in _PLACES[2]])
         pos_e[~(np.abs(pos_e) < 1e9).all(axis=1)] = np.nan
-        groups["lat"], groups["lon"], groups["height"] = ecef_to_geodetic(pos_e)
-    elif there.issuperset(_PLACES[3]):
-        groups["pos"] = np.column_stack([read_column[name] for name in _PLACES[3]])
-        facts["origin"] = "base station"
-    else:
-        groups["lat"], groups["lon"] = _angle(read_column, "latitude"), _angle(read_column, "longitude")
-        groups["height"] = read_column["height"]
-    for group, names in _GROUPS.items():
-        if there.issuperset(names) and "x-ecef" not in there:
-            groups[group] = np.column_stack([read_column[name] for name in names])
-    if "ns" in there:
-        groups["satellites"] = read_column["ns"]
-    return groups, facts
+        return dict(zip(("lat", "lon", "height"), ecef_to_geodetic(pos_e), strict=True))
+    if told.keys() >= set(_PLACES[3]):
+        return {f"pos_{axis}": told[name] for axis, name in zip("enu", _PLACES[3], strict=True)}
+    return {"lat": _angle(told, "latitude"), "lon": _angle(told, "longitude"), "height": told["height"]}
 
 
 def _angle(columns: Mapping[str, Array], name: str) -> Array:
@@ -214,19 +216,17 @@ def _angle(columns: Mapping[str, Array], name: str) -> Array:
     return np.where(np.signbit(degrees), -size, size)
 
 
-def _quality(lines: Lines) -> list[Metric]:
+def _quality(kinds: Array) -> list[Metric]:
     """How many rows there are of each kind of solution."""
-    if "Q" not in lines.table.column_names:
+    counts = {kind: int((kinds == kind).sum()) for kind in range(1, len(QUALITY))}
+    told = {kind: count for kind, count in counts.items() if count}
+    if not len(kinds):
         return []
-    kinds, counts = np.unique(vector(lines.table, "Q", gaps=True), return_counts=True)
-    told = {int(kind): int(count) for kind, count in zip(kinds, counts, strict=True) if kind in range(1, len(QUALITY))}
     note = ", ".join(f"{count} {QUALITY[kind]}" for kind, count in told.items())
-    fixed = told.get(1, 0) / max(lines.table.num_rows, 1)
+    fixed = counts[1] / len(kinds)
     learnt = [Metric("fixed", fixed, "1", note=f"share of rows with integer ambiguities: {note}")]
     if 5 in told and len(told) > 1:
-        learnt.append(
-            warning(f"{told[5]} of {lines.table.num_rows} rows are single solutions, metres worse than the others")
-        )
+        learnt.append(warning(f"{told[5]} of {len(kinds)} rows are single solutions, metres worse than the others"))
     return learnt
 
 

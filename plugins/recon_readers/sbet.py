@@ -34,14 +34,15 @@ from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.numerics.geodesy import WGS84
 from recon.numerics.gnss_time import GPS_EPOCH_NS, NS, WEEK_NS, gps_to_utc
-from recon.numerics.rotation import from_euler, yaw_from_heading
+from recon.numerics.rotation import yaw_from_heading
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
 from recon_readers._lines import COPIED
-from recon_readers._streams import Source, reference_groups, stream
+from recon_readers._reference import reference_columns
+from recon_readers._streams import Source, stream
 from recon_readers._time_order import Mask, Times
 
 RECORD: Final = 136
@@ -115,13 +116,13 @@ def _times(records: Array, good: Mask, params: SbetParams) -> tuple[Times, dict[
 def _groups(records: Array) -> tuple[dict[str, Array], dict[str, Any], list[Metric]]:
     """Columns of the reference, its facts, and how the wander frame was understood."""
     _, lat, lon, height, x, y, up, roll, pitch, heading, wander = records[:, :11].T
-    place = np.column_stack([np.degrees(lat), np.degrees(lon), height])
     north_first, sense, learnt = _wander_frame(records)
     ahead, aside = (x, y) if north_first else (y, x)
     a = sense * wander
-    vel_n = np.column_stack([ahead * np.sin(a) + aside * np.cos(a), ahead * np.cos(a) - aside * np.sin(a), up])
-    groups, facts = reference_groups(place, vel_n, from_euler(yaw_from_heading(heading + a), -pitch, roll))
-    return groups, facts, learnt
+    vel_n = (ahead * np.sin(a) + aside * np.cos(a), ahead * np.cos(a) - aside * np.sin(a), up)
+    angles = (yaw_from_heading(heading + a), -pitch, roll)
+    columns, facts = reference_columns((np.degrees(lat), np.degrees(lon), height), vel_n, angles)
+    return columns, facts, learnt
 
 
 def _wander_frame(records: Array) -> tuple[bool, float, list[Metric]]:

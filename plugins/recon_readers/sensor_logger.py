@@ -21,23 +21,24 @@ Reference: Sensor Logger, "Coordinate systems and units", github.com/tszheichoi/
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
+from recon.schema import STREAMS
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams
-from recon_readers._lines import Lines
+from recon.tables import Array, Streams, vector
 from recon_readers._phone_files import Files, files_of, header_of, is_zip, sheet_of
-from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, columns, streams_of
+from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
 from recon_readers._text_blocks import plain
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
@@ -46,8 +47,17 @@ XYZ: Final = ("x", "y", "z")
 PLACE: Final = ("latitude", "longitude", "altitude", "speed", "bearing")
 ACCURACY: Final = ("horizontalAccuracy", "verticalAccuracy", "speedAccuracy", "bearingAccuracy")
 MERGED: Final = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
+FIELD: Final = ("mag_x", "mag_y", "mag_z")
+_MERGED_SENSORS: Final = (
+    ("accel", "acc", "accel_x"), ("gyro", "gyro", "gyro_x"), ("mag", "mag", "mag_x"), ("baro", "pressure", "pressure"),
+    ("gnss", "location", "lat"),
+)  # fmt: skip
+"""Of a merged table: sensor, its title, and a column that it needs."""
 _KPA: Final = 200.0
 """Below this a pressure cannot be in mbar where people drive."""
+
+_Made: TypeAlias = Callable[[Mapping[str, Array]], Mapping[str, Array]]
+"""Makes columns of a stream of those of a table."""
 
 
 class SensorLoggerParams(PhoneParams):
@@ -75,10 +85,10 @@ def read(path: Path, params: SensorLoggerParams) -> Streams:
     tables = _tables(files)
     phone, learnt = _phone(files, params)
     felt: Literal["specific_force", "acceleration"] = "specific_force"
-    if not tables and len(files.names) == 1 and _is_merged(files.read(files.names[0])):
+    if not tables and len(files.names) == 1 and _is_merged(files.head(files.names[0])):
         sensors = _merged(files)
     else:
-        sensors = {key: sensor for key, sensor in _plain_sensors(files, tables).items() if sensor is not None}
+        sensors = _plain_sensors(files, tables)
         accel, felt, told = _accel(files, tables, phone)
         learnt += told
         if accel is not None:
@@ -117,7 +127,7 @@ def _metadata(files: Files) -> dict[str, str]:
     raw = files.optional("Metadata.csv")
     if raw is None:
         return {}
-    lines = plain(raw)[:65536].decode("utf-8", "replace").replace("\0", "").split("\n")
+    lines = raw.decode("utf-8", "replace").replace("\0", "").split("\n")
     try:
         rows = list(csv.reader(lines[:2]))
     except csv.Error:
@@ -126,38 +136,36 @@ def _metadata(files: Files) -> dict[str, str]:
 
 
 def _sensor(
-    files: Files, tables: dict[str, str], sensor: str, names: tuple[str, ...], maybe: bool = False
-) -> _Raw | None:
-    """The times and columns of a table, None where it is not there or empty."""
+    files: Files,
+    tables: dict[str, str],
+    sensor: str,
+    names: tuple[str, ...],
+    made: _Made,
+    maybe: bool = False,
+) -> Sensor | None:
+    """What is made of the columns of a table, None where it is not there or empty."""
     if sensor not in tables:
         return None
-    label = files.label(tables[sensor])
-    sheet = sheet_of(label, files.read(tables[sensor]))
+    sheet = sheet_of(files, tables[sensor])
     missing = [name for name in ("time", *(() if maybe else names)) if name not in sheet.names]
     if missing:
-        raise ReadFailed(label, f"it has no column '{missing[0]}'", line=1, hint="is it a table of Sensor Logger?")
+        raise ReadFailed(sheet.path, f"it has no column '{missing[0]}'", line=1, hint="is it a table of Sensor Logger?")
     there = tuple(name for name in names if name in sheet.names)
-    lines = sheet.lines({"time": pa.string(), **dict.fromkeys(there, pa.float64())})
-    if lines is None:
-        return None
-    t_ns, good = whole_ns(lines.table["time"])
-    return _Raw(sensor, lines, t_ns, ~good, dict(zip(there, columns(lines, there).T, strict=True)) if there else {})
+    kinds = {"time": pa.string(), **dict.fromkeys(there, pa.float64())}
+    lines = sheet.lines(kinds, lambda table: _timed(table, whole_ns, made))
+    return Sensor(sensor, lines, lines.columns) if lines is not None else None
 
 
-class _Raw(NamedTuple):
-    name: str
-    lines: Lines
-    t_ns: Times
-    missing: Mask
-    values: dict[str, Array]
+def _timed(table: pa.Table, clock: Callable[[Any], tuple[Times, Mask]], made: _Made) -> dict[Any, NDArray[Any]]:
+    """Times, whether there is none, and what is made of the other columns of some rows."""
+    t_ns, good = clock(table["time"])
+    values = {name: vector(table, name, gaps=True) for name in table.column_names if name != "time"}
+    return {"time": t_ns, "missing": ~good, **made(values)}
 
-    @property
-    def xyz(self) -> Array:
-        """(n, 3) of the columns x, y, z."""
-        return np.column_stack([self.values[axis] for axis in XYZ])
 
-    def as_sensor(self, **groups: Array) -> Sensor:
-        return Sensor(self.name, self.lines, self.t_ns, self.missing, groups)
+def _xyz(group: str, factor: float = 1.0) -> _Made:
+    """Makes a group of a stream of the columns x, y, z."""
+    return lambda values: {f"{group}_{axis}": factor * values[axis] for axis in XYZ}
 
 
 def whole_ns(texts: pa.ChunkedArray) -> tuple[Times, Mask]:
@@ -170,19 +178,18 @@ def whole_ns(texts: pa.ChunkedArray) -> tuple[Times, Mask]:
     return np.asarray(t_ns.combine_chunks()), np.asarray(good.combine_chunks())
 
 
-def _plain_sensors(files: Files, tables: dict[str, str]) -> dict[str, Sensor | None]:
+def _plain_sensors(files: Files, tables: dict[str, str]) -> dict[str, Sensor]:
     """Gyroscope, magnetometer, barometer and receiver, whose units and signs are the same everywhere."""
     found: dict[str, Sensor | None] = {}
-    gyro = _sensor(files, tables, "Gyroscope", XYZ) or _sensor(files, tables, "GyroscopeUncalibrated", XYZ)
-    found["gyro"] = gyro.as_sensor(gyro=gyro.xyz) if gyro else None
-    mag = _sensor(files, tables, "Magnetometer", XYZ) or _sensor(files, tables, "MagnetometerUncalibrated", XYZ)
-    found["mag"] = mag.as_sensor(mag=1e-6 * mag.xyz) if mag else None
-    baro = _sensor(files, tables, "Barometer", ("pressure",))
-    found["baro"] = baro.as_sensor(pressure=_pascals(baro.values["pressure"])) if baro else None
-    place = _sensor(files, tables, "LocationGps", (*PLACE, *ACCURACY), maybe=True)
-    place = place or _sensor(files, tables, "Location", (*PLACE, *ACCURACY), maybe=True)
-    found["gnss"] = place.as_sensor(**_place(place.values)) if place else None
-    return found
+    for key, name, factor in (("gyro", "Gyroscope", 1.0), ("mag", "Magnetometer", 1e-6)):
+        found[key] = _sensor(files, tables, name, XYZ, _xyz(key, factor))
+        found[key] = found[key] or _sensor(files, tables, f"{name}Uncalibrated", XYZ, _xyz(key, factor))
+    found["baro"] = _sensor(files, tables, "Barometer", ("pressure",), dict)
+    if found["baro"]:
+        found["baro"].columns["pressure"] = _pascals(found["baro"].columns["pressure"])
+    for name in ("LocationGps", "Location"):
+        found["gnss"] = found.get("gnss") or _sensor(files, tables, name, (*PLACE, *ACCURACY), _place, maybe=True)
+    return {key: sensor for key, sensor in found.items() if sensor is not None}
 
 
 def _pascals(pressure: Array) -> Array:
@@ -190,101 +197,110 @@ def _pascals(pressure: Array) -> Array:
     return np.asarray(pressure * (1000.0 if len(known) and np.median(known) < _KPA else 100.0))
 
 
-def _place(values: dict[str, Array]) -> dict[str, Array]:
-    """Groups of gnss; what is negative where it cannot be is missing."""
-    rows = len(next(iter(values.values()))) if values else 0
-    none = np.full(rows, np.nan)
-    column = {name: values.get(name, none) for name in (*PLACE, *ACCURACY)}
-    wide, high, fast, way = (np.where(column[name] > 0.0, column[name], np.nan) for name in ACCURACY)
+def _place(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns of gnss; what is negative where it cannot be is missing."""
+    named = {"latitude": "lat", "longitude": "lon", "altitude": "height", "speed": "speed", "bearing": "course"}
+    found = {column: values[name] for name, column in named.items() if name in values}
+    accuracy = {name: np.where(values[name] > 0.0, values[name], np.nan) for name in ACCURACY if name in values}
     with np.errstate(invalid="ignore"):
-        height = np.where(column["verticalAccuracy"] < 0.0, np.nan, column["altitude"])
-        speed = np.where(column["speed"] < 0.0, np.nan, column["speed"])
-        told = column["bearing"] >= 0.0
-    if "bearingAccuracy" in values:
-        told &= np.isfinite(way)
-    found = {
-        "lat": column["latitude"],
-        "lon": column["longitude"],
-        "height": height,
-        "speed": speed,
-        "course": np.where(told, np.radians(column["bearing"]), np.nan),
-        "pos_std": np.column_stack([wide / CIRCLE, wide / CIRCLE, high]),
-        "vel_std": np.column_stack([fast, fast, none]),
-    }
-    return {name: value for name, value in found.items() if np.isfinite(value).any()}
+        if "height" in found and "verticalAccuracy" in values:
+            found["height"] = np.where(values["verticalAccuracy"] < 0.0, np.nan, found["height"])
+        if "speed" in found:
+            found["speed"] = np.where(found["speed"] < 0.0, np.nan, found["speed"])
+        if "course" in found:
+            told = (found["course"] >= 0.0) & np.isfinite(accuracy.get("bearingAccuracy", found["course"]))
+            found["course"] = np.where(told, np.radians(found["course"]), np.nan)
+    if "horizontalAccuracy" in accuracy:
+        wide = accuracy["horizontalAccuracy"] / CIRCLE
+        found |= {"pos_std_e": wide, "pos_std_n": wide}
+        found["pos_std_u"] = accuracy.get("verticalAccuracy", np.full(len(wide), np.nan))
+    if "speedAccuracy" in accuracy:
+        fast = accuracy["speedAccuracy"]
+        found |= {"vel_std_e": fast, "vel_std_n": fast, "vel_std_u": np.full(len(fast), np.nan)}
+    return found
 
 
 def _accel(
     files: Files, tables: dict[str, str], phone: _Phone
 ) -> tuple[Sensor | None, Literal["specific_force", "acceleration"], list[Metric]]:
     """Specific force where any tables give it, else acceleration without gravity; and what had to be assumed."""
-    total = _sensor(files, tables, "TotalAcceleration", XYZ)
-    felt, gravity = _sensor(files, tables, "Accelerometer", XYZ), _sensor(files, tables, "Gravity", XYZ)
-    raw = _sensor(files, tables, "AccelerometerUncalibrated", XYZ)
-    if not (total or felt or raw):
-        return None, "specific_force", []
-    if phone.ios is None:
+    total, felt, raw = "TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated"
+    if phone.ios is None and {total, felt, raw} & tables.keys():
         note = (
             "the accelerometer is left out, for nothing tells its sign: set reader.sensor_logger.platform to ios or "
             "android (Metadata.csv, which belongs to the recording, would tell)"
         )
         return None, "specific_force", [warning(note)]
-    if total is not None:
-        return total.as_sensor(accel=phone.sign * total.xyz), "specific_force", []
-    if felt is not None and gravity is not None:
-        both, late = _with_gravity(felt, gravity)
-        return felt.as_sensor(accel=phone.sign * both), "specific_force", late
-    if raw is not None:
-        unit = STANDARD_GRAVITY if phone.ios and not phone.standardised else 1.0
-        return raw.as_sensor(accel=phone.sign * unit * raw.xyz), "specific_force", []
-    assert felt is not None
+    signed = _xyz("accel", phone.sign)
+    found = _sensor(files, tables, total, XYZ, signed)
+    if found is not None:
+        return found, "specific_force", []
+    found, gravity = _sensor(files, tables, felt, XYZ, signed), _sensor(files, tables, "Gravity", XYZ, signed)
+    if found is not None and gravity is not None:
+        return found, "specific_force", _add_gravity(found, gravity)
+    unit = STANDARD_GRAVITY if phone.ios and not phone.standardised else 1.0
+    whole = _sensor(files, tables, raw, XYZ, _xyz("accel", unit * phone.sign))
+    if whole is not None or found is None:
+        return whole, "specific_force", []
     note = "only Accelerometer.csv is there, which is without gravity: record Total Acceleration or Gravity as well"
-    return felt.as_sensor(accel=phone.sign * felt.xyz), "acceleration", [warning(note)]
+    return found, "acceleration", [warning(note)]
 
 
-def _with_gravity(felt: _Raw, gravity: _Raw) -> tuple[Array, list[Metric]]:
-    """Acceleration and gravity together, (n, 3) m/s^2; gravity, which the phone has smoothed, along straight lines."""
-    good = np.flatnonzero(~gravity.missing & np.isfinite(gravity.xyz).all(axis=1))
-    t_ns, first = np.unique(gravity.t_ns[good], return_index=True)
+def _add_gravity(felt: Sensor, gravity: Sensor) -> list[Metric]:
+    """Add gravity, which the phone has smoothed, along straight lines between its rows."""
+    names = [f"accel_{axis}" for axis in XYZ]
+    known = [np.isfinite(gravity.columns[name]) for name in names]
+    good = np.flatnonzero(np.logical_and.reduce([~gravity.columns["missing"], *known]))
+    t_ns, first = np.unique(gravity.columns["time"][good], return_index=True)
     if not len(t_ns):
-        return np.full((len(felt.t_ns), 3), np.nan), [warning("Gravity.csv holds no measurement")]
-    since_s, at_s = (t_ns - t_ns[0]) * 1e-9, (felt.t_ns - t_ns[0]) * 1e-9
-    down = gravity.xyz[good[first]]
-    added = np.column_stack([np.interp(at_s, since_s, axis, np.nan, np.nan) for axis in down.T])
-    return felt.xyz + added, [Metric("specific_force", method="Accelerometer.csv + Gravity.csv")]
+        felt.columns.update((name, np.full(len(felt.columns["time"]), np.nan)) for name in names)
+        return [warning("Gravity.csv holds no measurement")]
+    since_s, at_s = (t_ns - t_ns[0]) * 1e-9, (felt.columns["time"] - t_ns[0]) * 1e-9
+    for name in names:
+        down = gravity.columns.pop(name)[good[first]]
+        felt.columns[name] = felt.columns[name] + np.interp(at_s, since_s, down, np.nan, np.nan)
+    return [Metric("specific_force", method="Accelerometer.csv + Gravity.csv")]
 
 
-def _is_merged(raw: bytes) -> bool:
-    names, _ = header_of(plain(raw[:65536]).partition(b"\n")[0])
+def _is_merged(head: bytes) -> bool:
+    names, _ = header_of(plain(head).partition(b"\n")[0])
     return {"time", *MERGED} <= set(names)
 
 
 def _merged(files: Files) -> dict[str, Sensor]:
     """The sensors of a table that was merged by others."""
     name = files.names[0]
-    sheet = sheet_of(files.label(name), files.read(name))
-    field = ("mag_x", "mag_y", "mag_z")
-    wanted = [each for each in (*MERGED, *field, "pressure", *PLACE, *ACCURACY) if each in sheet.names]
-    lines = sheet.lines({"time": pa.string(), **dict.fromkeys(wanted, pa.float64())})
+    sheet = sheet_of(files, name)
+    wanted = [each for each in (*MERGED, *FIELD, "pressure", *PLACE, *ACCURACY) if each in sheet.names]
+    kinds = {"time": pa.string(), **dict.fromkeys(wanted, pa.float64())}
+    lines = sheet.lines(kinds, lambda table: _timed(table, moments, _merged_columns))
     if lines is None:
         return {}
-    t_ns, good = moments(lines.table["time"])
-    values = dict(zip(wanted, columns(lines, tuple(wanted)).T, strict=True))
-
-    def sensor(title: str, **groups: Array) -> Sensor:
-        return Sensor(title, lines, t_ns, ~good, groups)
-
-    found = {
-        "accel": sensor("acc", accel=np.column_stack([values[each] for each in MERGED[:3]])),
-        "gyro": sensor("gyro", gyro=np.column_stack([values[each] for each in MERGED[3:]])),
-    }
-    if set(field) <= values.keys():
-        found["mag"] = sensor("mag", mag=1e-6 * np.column_stack([values[each] for each in field]))
-    if "pressure" in values:
-        found["baro"] = sensor("pressure", pressure=_pascals(values["pressure"]))
-    if {"latitude", "longitude"} <= values.keys():
-        found["gnss"] = sensor("location", **_place(values))
+    found = {}
+    for key, title, column in _MERGED_SENSORS:
+        if column in lines.columns:
+            names = [
+                each for each in STREAMS["imu" if key in ("accel", "gyro") else key].names if each in lines.columns
+            ]
+            own = [each for each in names if key not in ("accel", "gyro") or each.startswith(key)]
+            times = {each: lines.columns[each] for each in ("time", "missing")}
+            found[key] = Sensor(
+                title, lines, {**times, **{each: lines.columns.pop(each) for each in own if each != "time"}}
+            )
+    if "baro" in found:
+        found["baro"].columns["pressure"] = _pascals(found["baro"].columns["pressure"])
     return found
+
+
+def _merged_columns(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns of all streams."""
+    inertial = (f"{group}_{axis}" for group in ("accel", "gyro") for axis in XYZ)
+    found = {column: values[name] for column, name in zip(inertial, MERGED, strict=True)}
+    if values.keys() >= set(FIELD):
+        found |= {name: 1e-6 * values[name] for name in FIELD}
+    if "pressure" in values:
+        found["pressure"] = values["pressure"]
+    return {**found, **_place(values)} if values.keys() >= {"latitude", "longitude"} else found
 
 
 def sniff(path: Path, head: bytes) -> Sniff:
@@ -298,7 +314,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
         if "Metadata.csv" in files.names and tables:
             return Sniff(0.95, "tables of Sensor Logger and its Metadata.csv")
         name = next(iter(tables.values()), "")
-        if name and _is_table(files.read(name)):
+        if name and _is_table(files.head(name)):
             return Sniff(0.9, f"tables of Sensor Logger, {name} among them")
         return Sniff(0.0, "no tables of Sensor Logger")
     if _is_table(head):
@@ -309,7 +325,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
 
 
 def _is_table(head: bytes) -> bool:
-    names, _ = header_of(plain(head[:65536]).partition(b"\n")[0])
+    names, _ = header_of(plain(head).partition(b"\n")[0])
     return {"time", "seconds_elapsed"} <= set(names)
 
 

@@ -16,13 +16,14 @@ Reference: Racelogic, VBOX file format (.vbo); VBOX 3i user guide; "Signing conv
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
@@ -33,27 +34,33 @@ from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams, vector, with_meta
+from recon.tables import Streams, vector, with_meta
 from recon.units import convert
 from recon_readers._csv_mapping import Axes
-from recon_readers._delimited import contents
 from recon_readers._lines import COPIED, Form, Lines, read_lines
 from recon_readers._streams import Source, stream
-from recon_readers._text_blocks import plain
+from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import clocks, days, over_midnight
 
-PLACE: Final = ("lat", "long", "velocity", "heading", "height", "sats")
 ACCEL: Final = ("x_accel", "y_accel", "z_accel")
 RATES: Final = ("rollrate", "pitchrate", "yawrate")
 FLAGS: Final = 64
 """Satellites are counted below this."""
 _CREATED: Final = re.compile(r"File created on (\d\d)/(\d\d)/(\d{4})(?: @ (\d\d):(\d\d))?")
 _OFFSET: Final = re.compile(r"GPS Time offset by -(\d+) seconds")
+_GNSS_FACTS: Final = {"height_datum": "mean_sea_level", "heading_kind": "course_true"}
 _AXES_HOW: Final = (
     "set reader.vbox.axes to where X, Y and Z point, such as FLU: on a drive, X_Accel grows when the vehicle speeds up "
     "if x points forward, YawRate is positive in a left turn if z points up"
 )
+
+
+class _Part(NamedTuple):
+    """A column of the file, and the factor that gives it the unit and sign of its stream."""
+
+    name: str
+    factor: float = 1.0
 
 
 class VboxParams(Params):
@@ -66,12 +73,17 @@ class VboxParams(Params):
 
 @dataclass(frozen=True)
 class _File:
-    """Sections of a file: lines by title; the text above the first under ""; the rows and the number of their first."""
+    """Sections of a file: lines by title, the text above the first under ""; offset and line of the first row."""
 
-    path: Path
+    text: Text
     sections: Mapping[str, list[str]]
-    rows: bytes
+    start: int
     first_line: int
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self.text.path
 
     def section(self, title: str) -> list[str]:
         """Lines of a section, none where it is not there."""
@@ -85,23 +97,35 @@ def read(path: Path, params: VboxParams) -> Streams:
     """
     file = _opened(path)
     names = _names(file)
-    wanted = [name for name in (*PLACE, *ACCEL, *RATES) if name in names]
-    kinds = {"time": pa.string(), **dict.fromkeys(wanted, pa.float64())}
-    lines = read_lines(path, file.rows, file.first_line, Form(names, kinds))
-    clock_ns, good = clocks(lines.table["time"])
+    imu, asked = _imu_parts(names, params)
+    speed_unit = _speed_unit(file, params)
+    gnss = _gnss_parts(names, speed_unit)
+    kinds = {"time": pa.string(), **{part.name: pa.float64() for part in (*gnss.values(), *imu.values())}}
+    lines = read_lines(
+        path,
+        file.text,
+        Form(names, kinds),
+        lambda table: _columns(table, gnss, imu),
+        start=file.start,
+        first_line=file.first_line,
+    )
+    clock_ns, good = lines.columns.pop("clock"), lines.columns.pop("good")
     t_ns, facts, learnt = _dated(file, clock_ns, good)
-    gnss, told = _gnss(lines, t_ns, ~good, _speed_unit(file, params))
-    imu, found = _imu(lines, t_ns, ~good, params)
-    if gnss is None and imu is None:
-        raise ReadFailed(path, "no row holds a measurement", hint=COPIED)
+    unit = Metric("speed_unit", convert(1.0, speed_unit, "m/s"), "m/s", note=f"in {speed_unit}")
+    learnt += [*_offset(file, t_ns), unit, *asked]
     facts = {**facts, "time_scale": "UTC", "format": "VBOX"}
+    if imu:
+        _check_rest(lines, params)
     streams = {}
-    if gnss is not None:
-        streams["gnss"] = with_meta(gnss, **facts, height_datum="mean_sea_level", heading_kind="course_true")
-    if imu is not None:
-        streams["imu"] = with_meta(imu, **facts, axes=params.axes)
-    rows = [*lines.learnt(), *learnt, *_offset(file, t_ns), *told, *found]
-    return {**streams, "metrics": metrics(rows)}
+    for name, schema, parts, more in (("gnss", GNSS, gnss, _GNSS_FACTS), ("imu", IMU, imu, {"axes": params.axes})):
+        columns = {column: lines.columns.pop((name, column)) for column in parts}
+        made, told = stream(Source(path, name, lines.line), schema, t_ns, ~good, columns)
+        learnt += told
+        if made is not None:
+            streams[name] = with_meta(made, **facts, **more)
+    if not streams:
+        raise ReadFailed(path, "no row holds a measurement", hint=COPIED)
+    return {**streams, "metrics": metrics([*lines.learnt(), *learnt])}
 
 
 def sniff(path: Path, head: bytes) -> Sniff:
@@ -113,19 +137,19 @@ def sniff(path: Path, head: bytes) -> Sniff:
 
 
 def _opened(path: Path) -> _File:
-    text = plain(contents(path))
-    at = re.search(rb"(?im)^\[data\][^\n]*\n?", text)
+    text = Text.open(path)
+    at = re.search(rb"(?im)^\[data\][^\n]*\n?", text.head)
     if at is None:
-        raise ReadFailed(path, "it has no section [data]", line=1 + text.count(b"\n"), hint=COPIED)
+        raise ReadFailed(path, "it has no section [data]", line=1 + text.head.count(b"\n"), hint=COPIED)
     sections: dict[str, list[str]] = {"": []}
     title = ""
-    for line in text[: at.start()].decode("latin-1").split("\n"):
+    for line in text.head[: at.start()].decode("latin-1").split("\n"):
         if line.strip().startswith("[") and line.strip().endswith("]"):
             title = line.strip()[1:-1].strip().lower()
             sections[title] = []
         else:
             sections[title].append(line.strip())
-    return _File(path, sections, text[at.end() :], 1 + text.count(b"\n", 0, at.end()))
+    return _File(text, sections, at.end(), text.line_at(at.end()))
 
 
 def _names(file: _File) -> list[str]:
@@ -178,52 +202,55 @@ def _offset(file: _File, t_ns: Times) -> list[Metric]:
     return [warning(note)]
 
 
-def _column(lines: Lines, name: str) -> Array:
-    return vector(lines.table, name, gaps=True)
+def _gnss_parts(names: Sequence[str], speed_unit: str) -> dict[str, _Part]:
+    """What the columns of gnss are made of."""
+    parts = {
+        "lat": _Part("lat", 1.0 / 60.0),
+        "lon": _Part("long", -1.0 / 60.0),
+        "height": _Part("height"),
+        "speed": _Part("velocity", convert(1.0, speed_unit, "m/s")),
+        "course": _Part("heading", convert(1.0, "deg", "rad")),
+        "satellites": _Part("sats"),
+    }
+    return {column: part for column, part in parts.items() if part.name in names}
 
 
-def _gnss(lines: Lines, t_ns: Times, missing: Mask, speed_unit: str) -> tuple[pa.Table | None, list[Metric]]:
-    there = set(lines.table.column_names)
-    if not {"lat", "long"} <= there:
-        return None, [warning("the file has no columns lat and long")]
-    groups = {"lat": _column(lines, "lat") / 60.0, "lon": -_column(lines, "long") / 60.0}
-    if "height" in there:
-        groups["height"] = _column(lines, "height")
-    if "velocity" in there:
-        groups["speed"] = convert(_column(lines, "velocity"), speed_unit, "m/s")
-    if "heading" in there:
-        groups["course"] = np.radians(_column(lines, "heading"))
-    if "sats" in there:
-        groups["satellites"] = np.mod(_column(lines, "sats"), FLAGS)
-    source = Source(lines.path, "gnss", lines.line)
-    made, learnt = stream(source, GNSS, t_ns, missing, groups)
-    return made, [Metric("speed_unit", convert(1.0, speed_unit, "m/s"), "m/s", note=f"in {speed_unit}"), *learnt]
-
-
-def _imu(lines: Lines, t_ns: Times, missing: Mask, params: VboxParams) -> tuple[pa.Table | None, list[Metric]]:
-    """The IMU along forward, left, up. Raises ReadFailed where it reads -1 g upwards at rest."""
-    there = set(lines.table.column_names)
-    if not there.issuperset((*ACCEL, *RATES)):
-        return None, []
+def _imu_parts(names: Sequence[str], params: VboxParams) -> tuple[dict[str, _Part], list[Metric]]:
+    """What the columns of imu along forward, left, up are made of, and what is to be told; none without `axes`."""
+    if not {*ACCEL, *RATES} <= set(names):
+        return {}, []
     if not params.axes:
-        return None, [warning(f"the IMU is left out, for the file does not tell its axes: {_AXES_HOW}")]
+        return {}, [warning(f"the IMU is left out, for the file does not tell its axes: {_AXES_HOW}")]
     order, signs = turn(params.axes)
-    at_rest = 1.0 if params.at_rest == "up" else -1.0
-    accel, gyro = (
-        np.column_stack([_column(lines, name) for name in group])[:, order] * signs for group in (ACCEL, RATES)
-    )
-    accel = accel * (at_rest * STANDARD_GRAVITY)
-    if np.nanmedian(accel[:, 2]) < 0.0:
-        what = (
-            f"with axes {params.axes} and at_rest {params.at_rest} the IMU feels {np.nanmedian(accel[:, 2]):.2f} m/s^2"
-        )
-        what = f"{what} upwards, where a vehicle feels +9.8"
-        raise ReadFailed(lines.path, what, line=lines.first_line, hint="correct axes or at_rest")
-    made, learnt = stream(
-        Source(lines.path, "imu", lines.line), IMU, t_ns, missing, {"accel": accel, "gyro": np.radians(gyro)}
-    )
+    felt = STANDARD_GRAVITY if params.at_rest == "up" else -STANDARD_GRAVITY
+    groups = (("accel", ACCEL, felt), ("gyro", RATES, convert(1.0, "deg", "rad")))
+    parts = {
+        f"{group}_{axis}": _Part(logged[at], sign * unit)
+        for group, logged, unit in groups
+        for axis, at, sign in zip("xyz", order, signs, strict=True)
+    }
     note = f"imu: logged along {params.axes}, given along forward, left, up; accelerations in g, rates in deg/s"
-    return made, [Metric("axes", note=note), *learnt]
+    return parts, [Metric("axes", note=note)]
+
+
+def _columns(table: pa.Table, gnss: Mapping[str, _Part], imu: Mapping[str, _Part]) -> dict[Any, NDArray[Any]]:
+    """Of some rows: time of day, whether there is one, and the columns of both streams."""
+    clock_ns, good = clocks(table["time"])
+    found: dict[Any, NDArray[Any]] = {"clock": clock_ns, "good": good}
+    for stream_name, parts in (("gnss", gnss), ("imu", imu)):
+        for column, part in parts.items():
+            values = vector(table, part.name, gaps=True)
+            found[stream_name, column] = np.mod(values, FLAGS) if column == "satellites" else values * part.factor
+    return found
+
+
+def _check_rest(lines: Lines, params: VboxParams) -> None:
+    """Raises ReadFailed where the IMU reads -1 g upwards at rest."""
+    felt = float(np.nanmedian(lines.columns["imu", "accel_z"]))
+    if felt < 0.0:
+        what = f"with axes {params.axes} and at_rest {params.at_rest} the IMU feels {felt:.2f} m/s^2 upwards"
+        what = f"{what}, where a vehicle feels +9.8"
+        raise ReadFailed(lines.path, what, line=lines.first_line, hint="correct axes or at_rest")
 
 
 @hookimpl
