@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from recon.schema import BARO, GNSS, IMU, MAG, REFERENCE, STREAMS
 from recon.stages import Wanted
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave, unit_quaternions
+from recon_readers._columns import kept
 from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned, valued
 from recon_readers._time_order import Times
 
@@ -60,21 +61,23 @@ class Log:
         """Does a later step read anything of a stream?"""
         return bool(self.wanted.of(stream, STREAMS[stream].names))
 
-    def add(self, stream: str, source: str, t_ns: Times, columns: Mapping[str, Array], **facts: Any) -> None:
+    def add(self, stream: str, source: str, t_ns: Times, columns: MutableMapping[str, Array], **facts: Any) -> None:
         """A stream of a sensor, the next further one where there is one already.
 
         t_ns : (n,) ns of the log's clock, in any order; columns : (n,) by name, in the units of the stream, NaN where
-        unknown; source : what the log calls it
+        unknown; emptied; source : what the log calls it
         """
         sane = (t_ns >= 0) & (t_ns < LONGEST_NS)
-        t_ns = t_ns[sane]
+        t_ns = kept(t_ns, sane)
         names = self.wanted.of(stream, columns)
-        chosen = valued({name: columns[name][sane] for name in names})
+        chosen = valued({name: kept(columns.pop(name), sane) for name in names})
         if not chosen or not len(t_ns):
             return
         rows, told = rising(t_ns, source)
         self.learnt += told
-        chosen, told = plausible(self.path, stream, {name: values[rows] for name, values in chosen.items()})
+        for name, values in chosen.items():
+            chosen[name] = values[rows]
+        chosen, told = plausible(self.path, stream, chosen)
         self.learnt += told
         number = sum(name.rstrip("_0123456789") == stream for name in self.made) + 1
         key = stream if number == 1 else f"{stream}_{number}"
@@ -85,7 +88,7 @@ class Log:
         self.made[key] = with_meta(table, **self.facts, **own, clock=clock, time_scale="UTC", source=source)
         self.learnt.append(Metric("source", float(table.num_rows), method=key, note=source))
 
-    def add_frd(self, stream: str, source: str, t_ns: Times, columns: Mapping[str, Array]) -> None:
+    def add_frd(self, stream: str, source: str, t_ns: Times, columns: MutableMapping[str, Array]) -> None:
         """A stream whose vectors are logged along forward, right, down; they are given along forward, left, up."""
         self.add(stream, source, t_ns, turned(columns, "FRD"), axes="FRD")
 

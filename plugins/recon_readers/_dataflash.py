@@ -86,7 +86,7 @@ class Table:
 
     def only(self, choice: NDArray[np.bool_]) -> Table:
         """Some of the rows."""
-        return Table(self.rows[choice], self.divisors)
+        return self if choice.all() else Table(self.rows[choice], self.divisors)
 
 
 @dataclass

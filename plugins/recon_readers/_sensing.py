@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,21 +69,22 @@ def described(stream: str, t_ns: Times, columns: Mapping[str, Array]) -> pa.Tabl
     return build(schema, time=t_ns, **typed)
 
 
-def turned(columns: Mapping[str, Array], axes: str, *, down: bool = False) -> dict[str, Array]:
-    """The columns with vectors x, y, z along forward, left, up.
+def turned(columns: MutableMapping[str, Array], axes: str, *, down: bool = False) -> dict[str, Array]:
+    """The columns, which are emptied, with vectors x, y, z along forward, left, up.
 
     axes : where they point as logged, such as FRD; down : a still accelerometer shows +g downwards
     """
     index, signs = turn(axes)
-    found = dict(columns)
+    found: dict[str, Array] = {}
     for group in ("accel", "gyro", "mag"):
         names = [f"{group}_{axis}" for axis in "xyz"]
         if not set(names) <= columns.keys():
             continue
         for name, source, sign in zip(names, index, signs, strict=True):
             factor = -sign if down and group == "accel" else sign
-            found[name] = columns[names[source]] if factor > 0.0 else -columns[names[source]]
-    return found
+            values = columns.pop(names[source])
+            found[name] = values if factor > 0.0 else -values
+    return {**columns, **found}
 
 
 def valued(columns: Mapping[str, Array]) -> dict[str, Array]:

@@ -17,8 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
-from recon.tables import Array
-from recon_readers._time_order import Mask, Times
+from recon_readers._columns import Columns, Grown
 from recon_readers._time_text import moments
 
 BLOCK: Final = 1 << 20
@@ -42,36 +41,42 @@ class Points:
     """Points as they come: numbers by name, NaN where there is none, and times."""
 
     names: Sequence[str]
-    numbers: dict[str, array[float]] = field(init=False)
     _texts: list[str] = field(default_factory=list)
-    _t_ns: list[Times] = field(default_factory=list)
-    _good: list[Mask] = field(default_factory=list)
+    _numbers: array[float] = field(default_factory=lambda: array("d"))
+    _columns: dict[str, Grown] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.numbers = {name: array("d") for name in self.names}
+        kinds = {"time": np.int64, "missing": np.bool_, **dict.fromkeys(self.names, np.float64)}
+        self._columns = {name: Grown(kind, _ROWS) for name, kind in kinds.items()}
 
     def add(self, time: str, values: Mapping[str, float]) -> None:
         """One more point."""
         self._texts.append(time)
-        for name, column in self.numbers.items():
-            column.append(values.get(name, np.nan))
+        self._numbers.extend(values.get(name, np.nan) for name in self.names)
         if len(self._texts) >= _ROWS:
             self._flush()
 
     def _flush(self) -> None:
         t_ns, good = moments(pa.array(self._texts, pa.string()))
-        self._t_ns.append(t_ns)
-        self._good.append(good)
+        self._columns["time"].add(t_ns)
+        self._columns["missing"].add(~good)
+        for name, values in zip(self.names, np.array(self._numbers).reshape(-1, len(self.names)).T, strict=True):
+            self._columns[name].add(values)
         self._texts.clear()
+        self._numbers = array("d")
 
-    def times(self) -> tuple[Times, Mask]:
-        """Times of all points, (n,) ns since 1970, and which have none, (n,) bool."""
+    def columns(self) -> Columns:
+        """All points: `time` (n,) ns since 1970, `missing` (n,) bool where there is none, and the numbers by name.
+
+        Those that no point has are not among them.
+        """
         self._flush()
-        return np.concatenate(self._t_ns), ~np.concatenate(self._good)
-
-    def column(self, name: str) -> Array:
-        """Numbers of all points: (n,)."""
-        return np.array(self.numbers[name], dtype=np.float64)
+        found = Columns(self._columns)
+        self._columns = {}
+        for name in self.names:
+            if not np.isfinite(found[name]).any():
+                del found[name]
+        return found
 
 
 def number(text: str | None) -> float:

@@ -101,9 +101,9 @@ class Messages:
         self._payloads.setdefault(kind, []).append((places, payloads))
 
     def rows(self, name: str) -> tuple[Places, NDArray[np.void]]:
-        """Places (n,) and fields (n,) of the messages of a name in LAYOUTS; of length zero where there are none."""
+        """Take out places (n,) and fields (n,) of the messages of a name in LAYOUTS, of length zero for none."""
         kind, layout = LAYOUTS[name]
-        parts = [(places, np.ascontiguousarray(p).view(layout)[:, 0]) for places, p in self.raw(kind)]
+        parts = [(places, np.ascontiguousarray(p).view(layout)[:, 0]) for places, p in self._payloads.pop(kind, [])]
         if not parts:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=layout)
         return np.concatenate([places for places, _ in parts]), np.concatenate([rows for _, rows in parts])

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -34,7 +35,6 @@ from recon_readers._delimited import load
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
 from recon_readers._text_blocks import Text
-from recon_readers._time_order import Mask, Times
 
 SENSORS: Final = {"accel": ("Accel", 1.0), "gyro": ("Gyro", 1.0), "mag": ("Mag", 1e-6)}
 PROVIDERS: Final = ("GPS", "FLP", "NLP")
@@ -119,32 +119,38 @@ def _sensor(text: Text, titles: Mapping[str, tuple[str, ...]], name: str, key: s
             continue
         biases = names[5:8] if kind != name and len(names) >= 8 else ()
 
-        def made(table: pa.Table, names: tuple[str, ...] = names, biases: tuple[str, ...] = biases) -> dict[str, Array]:
-            found = {f"{key}_{axis}": vector(table, names[2 + n], gaps=True) for n, axis in enumerate("xyz")}
-            for (column, values), bias in zip(found.items(), biases, strict=False):
-                found[column] = values - np.nan_to_num(vector(table, bias, gaps=True))
-            clock = {each: vector(table, each, gaps=True) for each in _CLOCKS}
-            return clock | {column: unit * values for column, values in found.items()}
-
-        lines = _lines(text, kind, names, (*_CLOCKS, *names[2:5], *biases), made)
+        lines = _lines(text, kind, names, (*_CLOCKS, *names[2:5], *biases), _Felt(names, biases, key, unit))
         if lines is not None:
-            times, missing = _on_utc(*(lines.columns.pop(each) for each in _CLOCKS))
-            lines.columns["time"], lines.columns["missing"] = times, missing
             return Sensor(kind, lines, lines.columns, numbered=False)
     return None
 
 
-def _on_utc(utc_ms: Array, elapsed_ns: Array) -> tuple[Times, Mask]:
-    """Times of the phone's clock on UTC: (n,) ns, and where there is none.
+@dataclass
+class _Felt:
+    """Makes columns of a stream of those of a sensor; its clock is set to UTC by the first row that has both times.
 
     A double holds the some 1e13 ns since the phone was switched on to the nanosecond up to a hundred days.
     """
-    missing = ~((utc_ms > 0.0) & (utc_ms < 1e-6 * _LATEST_NS) & (elapsed_ns >= 0.0) & (elapsed_ns < _LATEST_NS))
-    utc = np.where(missing, 0.0, utc_ms).astype(np.int64) * 1_000_000
-    elapsed = np.where(missing, 0.0, elapsed_ns).astype(np.int64)
-    if missing.all():
-        return elapsed, missing
-    return elapsed + (utc - elapsed)[int(missing.argmin())], missing
+
+    names: tuple[str, ...]
+    biases: tuple[str, ...]
+    key: str
+    unit: float
+    zero_ns: int | None = None
+
+    def __call__(self, table: pa.Table) -> dict[str, NDArray[Any]]:
+        utc_ms, elapsed_ns = (vector(table, name, gaps=True) for name in _CLOCKS)
+        missing = ~((utc_ms > 0.0) & (utc_ms < 1e-6 * _LATEST_NS) & (elapsed_ns >= 0.0) & (elapsed_ns < _LATEST_NS))
+        elapsed = np.where(missing, 0.0, elapsed_ns).astype(np.int64)
+        if self.zero_ns is None and not missing.all():
+            first = int(missing.argmin())
+            self.zero_ns = int(utc_ms[first]) * 1_000_000 - int(elapsed[first])
+        found: dict[str, NDArray[Any]] = {"time": elapsed + (self.zero_ns or 0), "missing": missing}
+        for at, axis in enumerate("xyz"):
+            values = vector(table, self.names[2 + at], gaps=True)
+            bias = np.nan_to_num(vector(table, self.biases[at], gaps=True)) if self.biases else 0.0
+            found[f"{self.key}_{axis}"] = self.unit * (values - bias)
+        return found
 
 
 def _fixes(text: Text, titles: Mapping[str, tuple[str, ...]], provider: str) -> tuple[Sensor | None, list[Metric]]:

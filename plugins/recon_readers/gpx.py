@@ -84,10 +84,10 @@ def read(path: Path, params: GpxParams) -> Streams:
         what += f", only {track.others} waypoints and points of routes" if track.others and not track.count else ""
         hint = "a planned route holds no measurement; export the recorded activity with its times"
         raise ReadFailed(path, what, line=line or 1, hint=hint)
-    t_ns, missing = track.points.times()
-    groups = {name: track.points.column(name) for name in track.points.names}
-    groups["course"] = np.radians(groups["course"])
-    gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, groups)
+    columns = track.points.columns()
+    if "course" in columns:
+        columns["course"] = np.radians(columns["course"])
+    gnss, told = stream(Source(path, "gnss"), GNSS, columns.pop("time"), columns.pop("missing"), columns)
     if gnss is None:
         raise ReadFailed(
             path, "none of its points has a time and a place", line=line or 1, hint="is it the right file?"

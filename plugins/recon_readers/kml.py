@@ -92,9 +92,8 @@ def read(path: Path, params: NoParams) -> Streams:
         what = f"it is damaged here: {reason}" if reason else what
         hint = "a recorded track is a gx:Track with a 'when' for each point: export it as that, or as GPX"
         raise ReadFailed(path, what, line=line or 1, hint=hint)
-    t_ns, missing = tracks.points.times()
-    groups = {name: tracks.points.column(name) for name in tracks.points.names}
-    gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, groups)
+    columns = tracks.points.columns()
+    gnss, told = stream(Source(path, "gnss"), GNSS, columns.pop("time"), columns.pop("missing"), columns)
     if gnss is None:
         raise ReadFailed(
             path, "none of its points has a time and a place", line=line or 1, hint="is it the right file?"

@@ -24,11 +24,12 @@ Reference: Applanix, POSPac MMS User Guide, "SBET format"; readers.sbet of PDAL 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
@@ -40,6 +41,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
+from recon_readers._columns import Columns
 from recon_readers._lines import COPIED
 from recon_readers._reference import reference_columns
 from recon_readers._streams import Source, stream
@@ -50,6 +52,12 @@ DOUBLES: Final = 17
 LOOK_AT: Final = 50
 LONGEST_S: Final = 4.0 * 604_800
 LONGEST_STEP_S: Final = 2.0
+AT_ONCE: Final = 1 << 16
+"""Records that are read at a time."""
+STRETCHES: Final = 64
+_PLACE: Final = ("lat", "lon", "height")
+_VELOCITY: Final = ("vel_e", "vel_n", "vel_u")
+_ANGLES: Final = ("yaw", "pitch", "roll")
 STANDING: Final = 0.5
 """m/s; below, velocities and positions do not tell the axes."""
 
@@ -64,16 +72,20 @@ class SbetParams(Params):
 def read(path: Path, params: SbetParams) -> Streams:
     """The stream reference. Raises ReadFailed."""
     size = path.stat().st_size
-    records = np.fromfile(path, dtype="<f8", count=size // RECORD * DOUBLES).reshape(-1, DOUBLES)
-    good = _possible(records)
-    if good.sum() <= 0.5 * len(records) or not len(records):
-        raise ReadFailed(path, f"only {int(good.sum())} of {len(records)} records hold what SBET does", hint=COPIED)
-    t_ns, facts, learnt = _times(records, good, params)
-    groups, anchored, frame = _groups(np.where(good[:, None], records, np.nan))
-    table, told = stream(Source(path, "reference"), REFERENCE, t_ns, ~good, groups)
+    count = size // RECORD
+    sample = np.concatenate([np.zeros((0, DOUBLES)), *_some(path, count)])
+    north_first, sense, frame = _wander_frame(np.where(_possible(sample)[:, None], sample, np.nan))
+    rows = Columns.of((at / count, _columns(part, north_first, sense)) for at, part in _stretches(path, count))
+    good = rows.pop("good", np.zeros(0, dtype=bool))
+    if good.sum() <= 0.5 * count or not count:
+        raise ReadFailed(path, f"only {int(good.sum())} of {count} records hold what SBET does", hint=COPIED)
+    t_ns, facts, learnt = _times(rows.pop("time"), good, params)
+    place, vel_n, angles = ([rows.pop(name) for name in names] for names in (_PLACE, _VELOCITY, _ANGLES))
+    columns, anchored = reference_columns(place, vel_n, angles)
+    table, told = stream(Source(path, "reference"), REFERENCE, t_ns, ~good, columns)
     if table is None:
         raise ReadFailed(path, "no record holds a place", hint=COPIED)
-    counted = [Metric("rows_read", float(len(records))), *_damage(path, int((~good).sum()), size % RECORD)]
+    counted = [Metric("rows_read", float(count)), *_damage(path, int((~good).sum()), size % RECORD)]
     facts |= {"format": "SBET", **anchored}
     return {"reference": with_meta(table, **facts), "metrics": metrics([*counted, *learnt, *frame, *told])}
 
@@ -99,9 +111,45 @@ def _possible(records: Array) -> Mask:
     return np.asarray(good)
 
 
-def _times(records: Array, good: Mask, params: SbetParams) -> tuple[Times, dict[str, Any], list[Metric]]:
-    """Times of the records; a double holds s of a week to 0.1 ns."""
-    t_ns = np.round(np.where(good, records[:, 0], 0.0) * NS).astype(np.int64)
+def _stretches(path: Path, count: int) -> Iterator[tuple[int, Array]]:
+    """All records, (k, 17), some at a time, with how many there were up to their end."""
+    with path.open("rb") as file:
+        for first in range(0, count, AT_ONCE):
+            part = np.fromfile(file, dtype="<f8", count=min(AT_ONCE, count - first) * DOUBLES).reshape(-1, DOUBLES)
+            yield first + len(part), part
+
+
+def _some(path: Path, count: int) -> Iterator[Array]:
+    """Stretches of records all over the file, or all of it: what tells the axes."""
+    length = AT_ONCE // STRETCHES
+    if count <= AT_ONCE:
+        yield from (part for _, part in _stretches(path, count))
+        return
+    with path.open("rb") as file:
+        for first in np.linspace(0, count - length, STRETCHES).astype(np.int64).tolist():
+            file.seek(first * RECORD)
+            yield np.fromfile(file, dtype="<f8", count=length * DOUBLES).reshape(-1, DOUBLES)
+
+
+def _columns(records: Array, north_first: bool, sense: float) -> dict[str, NDArray[Any]]:
+    """Time in ns, place, velocity and angles of some records, and which of them are good; NaN where they are not.
+
+    A double holds s of a week to 0.1 ns.
+    """
+    good = _possible(records)
+    time, lat, lon, height, x, y, up, roll, pitch, heading, wander = np.where(good[:, None], records, np.nan)[:, :11].T
+    t_ns = np.round(np.where(good, time, 0.0) * NS).astype(np.int64)
+    ahead, aside = (x, y) if north_first else (y, x)
+    a = sense * wander
+    vel_e, vel_n = ahead * np.sin(a) + aside * np.cos(a), ahead * np.cos(a) - aside * np.sin(a)
+    found: dict[str, NDArray[Any]] = {"time": t_ns, "good": good}
+    found |= dict(zip(_PLACE, (np.degrees(lat), np.degrees(lon), height), strict=True))
+    found |= dict(zip(_VELOCITY, (vel_e, vel_n, up), strict=True))
+    return found | dict(zip(_ANGLES, (yaw_from_heading(heading + a), -pitch, roll), strict=True))
+
+
+def _times(t_ns: Times, good: Mask, params: SbetParams) -> tuple[Times, dict[str, Any], list[Metric]]:
+    """Times of the records in UTC, where the week is known."""
     if params.week is None:
         note = "the file names no week: times count from the beginning of its week; set reader.sbet.week"
         return t_ns, {"clock": "relative"}, [warning(note)]
@@ -111,18 +159,6 @@ def _times(records: Array, good: Mask, params: SbetParams) -> tuple[Times, dict[
         t_ns = t_ns - (first - gps_to_utc(first))
     learnt = [Metric("assumed_time_scale", note=f"times of the week are in {params.time_scale}")]
     return t_ns, {"clock": "absolute", "time_scale": "UTC"}, learnt
-
-
-def _groups(records: Array) -> tuple[dict[str, Array], dict[str, Any], list[Metric]]:
-    """Columns of the reference, its facts, and how the wander frame was understood."""
-    _, lat, lon, height, x, y, up, roll, pitch, heading, wander = records[:, :11].T
-    north_first, sense, learnt = _wander_frame(records)
-    ahead, aside = (x, y) if north_first else (y, x)
-    a = sense * wander
-    vel_n = (ahead * np.sin(a) + aside * np.cos(a), ahead * np.cos(a) - aside * np.sin(a), up)
-    angles = (yaw_from_heading(heading + a), -pitch, roll)
-    columns, facts = reference_columns((np.degrees(lat), np.degrees(lon), height), vel_n, angles)
-    return columns, facts, learnt
 
 
 def _wander_frame(records: Array) -> tuple[bool, float, list[Metric]]:

@@ -38,6 +38,7 @@ from recon.schema import GNSS, IMU, WHEEL
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave
+from recon_readers._columns import at_rows
 from recon_readers._streams import Source, stream
 from recon_readers._time_order import Mask, Times, in_order, repeating
 from recon_readers._time_text import days
@@ -138,10 +139,10 @@ def _solution(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
     ok = (rows["flags"] & 1).astype(bool)
     groups = {**_place(rows), "speed": rows["speed"] * 1e-3, "course": np.radians(rows["course"] * 1e-5)}
     if "vel_n" in (rows.dtype.names or ()):
-        groups["vel"] = np.column_stack([rows["vel_e"], rows["vel_n"], -rows["vel_d"].astype(np.int64)]) * 1e-3
-        groups["vel_std"] = np.tile(rows["s_acc"][:, None] * 1e-3, (1, 3))
+        groups |= {"vel_e": rows["vel_e"] * 1e-3, "vel_n": rows["vel_n"] * 1e-3, "vel_u": rows["vel_d"] * -1e-3}
+        groups |= dict.fromkeys(("vel_std_e", "vel_std_n", "vel_std_u"), rows["s_acc"] * 1e-3)
     _refined(groups, rows["tow"], found)
-    columns = {name: np.where(ok if v.ndim == 1 else ok[:, None], v, np.nan) for name, v in groups.items()}
+    columns = groups if ok.all() else {name: np.where(ok, values, np.nan) for name, values in groups.items()}
     columns["fix"] = np.where(ok, FIXES[np.minimum(rows["fix"], 5)], 0).astype(np.float64)
     if "sats" in (rows.dtype.names or ()):
         columns["satellites"] = rows["sats"].astype(np.float64)
@@ -149,12 +150,12 @@ def _solution(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
 
 
 def _place(rows: NDArray[np.void]) -> dict[str, Array]:
-    h_acc, v_acc = rows["h_acc"] * 1e-3, rows["v_acc"] * 1e-3
     return {
         "lat": rows["lat"] * 1e-7,
         "lon": rows["lon"] * 1e-7,
         "height": rows["height"] * 1e-3,
-        "pos_std": np.column_stack([h_acc, h_acc, v_acc]),
+        **dict.fromkeys(("pos_std_e", "pos_std_n"), rows["h_acc"] * 1e-3),
+        "pos_std_u": rows["v_acc"] * 1e-3,
     }
 
 
@@ -167,8 +168,8 @@ def _refined(groups: dict[str, Array], tow: NDArray[np.uint32], found: Messages)
     _, own, others = np.intersect1d(tow, fine["tow"], return_indices=True)
     for name, unit, digits in (("lat", 1e-7, 1e-9), ("lon", 1e-7, 1e-9), ("height", 1e-3, 1e-4)):
         groups[name][own] = fine[name][others] * unit + fine[f"{name}_hp"][others] * digits
-    h_acc, v_acc = fine["h_acc"][others] * 1e-4, fine["v_acc"][others] * 1e-4
-    groups["pos_std"][own] = np.column_stack([h_acc, h_acc, v_acc])
+    for name, field in (("pos_std_e", "h_acc"), ("pos_std_n", "h_acc"), ("pos_std_u", "v_acc")):
+        groups[name][own] = fine[field][others] * 1e-4
 
 
 def _older(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
@@ -177,14 +178,13 @@ def _older(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
     _, moving = found.rows("NAV-VELNED")
     _refined(groups, rows["tow"], found)
     own, others = np.intersect1d(rows["tow"], moving["tow"], return_indices=True)[1:]
+    own, others = np.sort(own), others[np.argsort(own)]
     if len(own):
-        groups["vel"], groups["vel_std"] = np.full((len(rows), 3), np.nan), np.full((len(rows), 3), np.nan)
-        groups["speed"], groups["course"] = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
-        vel = np.column_stack([moving["vel_e"], moving["vel_n"], -moving["vel_d"].astype(np.int64)])
-        groups["vel"][own] = vel[others] * 1e-2
-        groups["vel_std"][own] = moving["s_acc"][others][:, None] * 1e-2
-        groups["speed"][own] = moving["speed"][others] * 1e-2
-        groups["course"][own] = np.radians(moving["course"][others] * 1e-5)
+        told = {"vel_e": ("vel_e", 1e-2), "vel_n": ("vel_n", 1e-2), "vel_u": ("vel_d", -1e-2), "speed": ("speed", 1e-2)}
+        told |= dict.fromkeys(("vel_std_e", "vel_std_n", "vel_std_u"), ("s_acc", 1e-2))
+        told["course"] = ("course", np.radians(1e-5))
+        for name, (field, unit) in told.items():
+            groups[name] = at_rows(moving[field][others] * unit, own, len(rows))
     return groups
 
 

@@ -3,8 +3,8 @@
     python tests/benchmarks/reading.py [KIND ...] [--size 5e7 5e8]     2e9 by asking for it
     python tests/benchmarks/reading.py camera_bag camera_mcap camera_sqlite --size 1e10
 
-mcap and bag hold an IMU at 200 Hz, as ROS 2 and ROS 1 write it; csv the same as text; physycom an IMU at 100 Hz with
-GNSS; nmea GNSS at 10 Hz. The logs with a camera have images of 50 MB, which are holes in the file but in SQLite.
+Each log is one sensor or two at a usual rate, as `reading_logs.py`, `reading_text_logs.py` and `reading_binary_logs.py`
+write them. The logs with a camera have images of 50 MB, which are holes in the file but in SQLite.
 
 Peak is what the process holds at most beyond what it holds after it has read a small log of the same kind. It is told
 by Linux only.
@@ -19,8 +19,11 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
+import reading_binary_logs as binaries
 import reading_logs as logs
+import reading_text_logs as texts
 
 CSV = {
     "imu": {
@@ -29,31 +32,54 @@ CSV = {
         "gyro": {"columns": ["gx", "gy", "gz"], "unit": "rad/s"},
     }
 }
-KINDS = {
-    "csv": (logs.write_csv, "drive.csv"),
-    "physycom": (logs.write_physycom, "drive.txt"),
-    "nmea": (logs.write_nmea, "drive.nmea"),
-    "mcap": (logs.write_mcap, "drive.mcap"),
-    "bag": (logs.write_bag, "drive.bag"),
-    "camera_bag": (logs.write_bag_with_camera, "drive.bag"),
-    "camera_mcap": (logs.write_mcap_with_camera, "drive.mcap"),
-    "camera_sqlite": (logs.write_sqlite_with_camera, "drive.db3"),
+MF4 = {
+    "imu": {
+        "axes": "FLU",
+        "accel": {"columns": ["AccX", "AccY", "AccZ"], "unit": "m/s^2"},
+        "gyro": {"columns": ["RateX", "RateY", "RateZ"], "unit": "rad/s"},
+    }
 }
+KINDS = {
+    "csv": (logs.write_csv, "drive.csv", {"reader.csv.columns": CSV}),
+    "physycom": (logs.write_physycom, "drive.txt", {}),
+    "nmea": (logs.write_nmea, "drive.nmea", {}),
+    "vbox": (texts.write_vbox, "drive.vbo", {"reader.vbox.axes": "FLU"}),
+    "rtklib": (texts.write_rtklib, "drive.pos", {}),
+    "kf_gins": (texts.write_kf_gins, "imu.txt", {}),
+    "nhtsa": (texts.write_nhtsa, "v1.EV5", {}),
+    "novatel": (texts.write_novatel, "drive.log", {}),
+    "sensor_logger": (texts.write_sensor_logger, "recording", {}),
+    "phyphox": (texts.write_phyphox, "recording", {}),
+    "gnsslogger": (texts.write_gnsslogger, "drive.txt", {}),
+    "gpx": (texts.write_gpx, "drive.gpx", {}),
+    "kml": (texts.write_kml, "drive.kml", {}),
+    "mcap": (logs.write_mcap, "drive.mcap", {}),
+    "bag": (logs.write_bag, "drive.bag", {}),
+    "ubx": (binaries.write_ubx, "drive.ubx", {}),
+    "ulog": (binaries.write_ulog, "drive.ulg", {}),
+    "dataflash": (binaries.write_dataflash, "drive.bin", {}),
+    "tlog": (binaries.write_tlog, "drive.tlog", {}),
+    "mf4": (binaries.write_mf4, "drive.mf4", {"reader.mf4.channels": MF4}),
+    "gpmf": (binaries.write_gpmf, "drive.mp4", {}),
+    "sbet": (binaries.write_sbet, "drive.sbet", {}),
+    "camera_bag": (logs.write_bag_with_camera, "drive.bag", {}),
+    "camera_mcap": (logs.write_mcap_with_camera, "drive.mcap", {}),
+    "camera_sqlite": (logs.write_sqlite_with_camera, "drive.db3", {}),
+}
+"""By name what writes a log, its name, and what its reader is told."""
 SMALL = 2e6
 """Bytes of the log that is read first: what is imported and reserved once is not of the large one."""
 
 
-def measure(small: Path, path: Path) -> dict[str, object]:
+def measure(kind: str, small: Path, path: Path) -> dict[str, object]:
     """Read a small log and a large one in this process."""
     import recon
 
-    def read(log: Path) -> recon.Recording:
-        return recon.read(log, **({"reader.csv.columns": CSV} if log.suffix == ".csv" else {}))
-
-    read(small)
+    told: dict[str, Any] = KINDS[kind][2]
+    recon.read(small, **told)
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
     before, start = _resident("VmRSS"), time.process_time()
-    recording = read(path)
+    recording = recon.read(path, **told)
     took, peak = time.process_time() - start, _resident("VmHWM")
     rows = {name: table.num_rows for name, table in recording.items() if name != "metrics"}
     arrow = sum(table.nbytes for table in recording.values())
@@ -70,10 +96,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS)}; those without a camera")
     parser.add_argument("--size", type=float, nargs="+", default=[5e7, 5e8], help="bytes of the logs")
-    parser.add_argument("--read", type=Path, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--read", nargs=3, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.read:
-        print(json.dumps(measure(*chosen.read)))
+        kind, *paths = chosen.read
+        print(json.dumps(measure(kind, *map(Path, paths))))
         return
     print("| log | of GB | Arrow, MB | peak, MB | times Arrow | with all, MB | s of one core |")
     print("|---|---|---|---|---|---|---|")
@@ -84,15 +111,15 @@ def main() -> None:
 
 def row(kind: str, size: float) -> str:
     """A line of the table."""
-    write, name = KINDS[kind]
+    write, name, _ = KINDS[kind]
     with tempfile.TemporaryDirectory() as scratch:
         folders = [Path(scratch, "small"), Path(scratch, "large")]
         for folder, bytes_ in zip(folders, (SMALL, size), strict=True):
             folder.mkdir()
             write(folder / name, bytes_)
-        command = [sys.executable, __file__, "--read", *(str(folder / name) for folder in folders)]
+        command = [sys.executable, __file__, "--read", kind, *(str(folder / name) for folder in folders)]
         found = json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
-        size = (folders[1] / name).stat().st_size
+        size = sum(file.stat().st_size for file in folders[1].rglob("*") if file.is_file())
     peak, arrow = found["peak"] / 1e6, found["arrow"] / 1e6
     numbers = f"{size / 1e9:.2f} | {arrow:.0f} | {peak:.0f} | {peak / arrow:.2f}"
     return f"| {kind} | {numbers} | {found['whole'] / 1e6:.0f} | {found['seconds']:.1f} |"
