@@ -62,7 +62,7 @@ def stream(
         if name not in WHOLE and group_of(name) not in SIGMAS:
             valued |= np.isfinite(values)
     untimed = missing | (np.abs(t_ns) > _LATEST_NS)
-    timed = in_order(np.where(untimed, 0, t_ns), untimed)
+    timed = in_order(np.where(untimed, 0, t_ns) if untimed.any() else t_ns, untimed)
     rows = timed & ~repeating(t_ns, [timed]) & valued
     _count(source, "time is missing, repeats or is out of order", int((valued & ~rows).sum()), learnt)
     if not valued.all():

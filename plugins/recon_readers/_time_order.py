@@ -65,7 +65,9 @@ def pauses(t_ns: Times) -> NDArray[np.intp]:
     t_ns : (n,) ns, never falling
     """
     steps = np.diff(t_ns)
-    return np.flatnonzero(steps > max(PAUSE_NS, PAUSE_STEPS * np.median(steps))) if len(steps) else np.zeros(0, np.intp)
+    if not len(steps) or steps.max() <= PAUSE_NS:
+        return np.zeros(0, np.intp)
+    return np.flatnonzero(steps > max(PAUSE_NS, PAUSE_STEPS * np.median(steps)))
 
 
 def repeating(t_ns: Times, fresh: Iterable[Mask]) -> Mask:
