@@ -33,7 +33,7 @@ def has(table: pa.Table | None, group: str) -> bool:
 
 def time_ns(table: pa.Table, name: str = "time") -> NDArray[np.int64]:
     """Time of each row: (n,) ns since 1970-01-01."""
-    return np.asarray(table[name].cast(pa.int64()).combine_chunks())
+    return np.asarray(_whole(table[name].cast(pa.int64())))
 
 
 def seconds(table: pa.Table, *, since: int | None = None) -> Array:
@@ -52,10 +52,15 @@ def vector(table: pa.Table, name: str, *, gaps: bool = False) -> Array:
     column = table[name]
     if column.type != pa.float64():
         column = column.cast(pa.float64())
-    values = np.asarray(column.combine_chunks().to_numpy(zero_copy_only=False), dtype=np.float64)
+    values = np.asarray(_whole(column).to_numpy(zero_copy_only=False), dtype=np.float64)
     if not gaps:
         _refuse_gaps(values, table, name)
     return values
+
+
+def _whole(column: pa.ChunkedArray) -> pa.Array:
+    """A column in one piece; Arrow copies even what is in one already."""
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 
 def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
