@@ -135,18 +135,18 @@ def measured(trajectory: pa.Table, truth: pa.Table, spans: Iterable[tuple[int, i
 class Study:
     """Outages by their length in s; against : what they are compared with, "reference" or "all fixes"
 
-    warnings : of the pipeline where it ran first, with all fixes, or beside a reference with the first outages
+    warnings : of the pipeline, by what it ran over: "all fixes", where that was needed, and "outages of 10 s"
     """
 
     outages: Mapping[float, Sequence[Outage]]
     against: str
-    warnings: Sequence[str]
+    warnings: Mapping[str, Sequence[str]]
 
     def as_data(self) -> dict[str, Any]:
         """As JSON holds it: statistics of each length, every outage, null for what is not known."""
         return {
             "against": self.against,
-            "warnings": list(self.warnings),
+            "warnings": {over: list(texts) for over, texts in self.warnings.items()},
             "lengths": [{"length_s": s, **statistics(some, self.against)} for s, some in self.outages.items()],
             "outages": [_plain(one) for some in self.outages.values() for one in some],
         }
@@ -179,7 +179,8 @@ def study(
         return run.trajectory.table
 
     outages, against = simulate(log, solve, lengths, most, seed)
-    return Study(outages, against, warnings[0])
+    over = [*([] if against == "reference" else [against]), *(f"outages of {length:g} s" for length in outages)]
+    return Study(outages, against, dict(zip(over, warnings, strict=True)))
 
 
 def simulate(

@@ -11,6 +11,7 @@ import numpy as np
 from recon.findings import PREFIX
 from recon_exporters._chart import Window, figure
 from recon_exporters._panels import Curve, Panel
+from recon_exporters._words import unit_symbol
 
 _ROLES: Final = ("x", "y", "z")
 _NO_LINE_OVER_S: Final = 1e9
@@ -64,5 +65,5 @@ def _figure(evidence: Mapping[str, Any] | None, code: str, start_ns: int) -> str
     if not curves:
         return ""
     first, last = min(int(c.t_ns[0]) for c in curves), max(int(c.t_ns[-1]) for c in curves)
-    panel = Panel(f"evidence_{code}", evidence["title"], evidence["unit"], "evidence", curves)
+    panel = Panel(f"evidence_{code}", evidence["title"], unit_symbol(evidence["unit"]), "evidence", curves)
     return figure(panel, Window(first, max(last, first + 1_000_000), start_ns), (), _NO_LINE_OVER_S)

@@ -154,7 +154,7 @@ def _events(facts: Json) -> str:
         for row in sorted(facts["events"], key=lambda row: row["t_s"])
     )
     head = ("after [s]", "time", "lasts [s]", "event", "value", "note", "step")
-    return table(head, rows) or "<p>No events were found.</p>"
+    return table(head, rows) or ("<p>No events were found.</p>" if "events" in facts["streams"] else "")
 
 
 def _outages(facts: Json) -> str:
@@ -174,7 +174,7 @@ def _sigmas(facts: Json) -> str:
         for row in facts["sigmas"]
     )
     head = ("sigma of", "median", "95 %", "largest")
-    absent = "<p>The trajectory gives no standard deviations.</p>" if "distance" in facts["summary"] else ""
+    absent = "<p>The trajectory gives no standard deviations.</p>" if "trajectory" in facts["streams"] else ""
     return table(head, rows, "Standard deviations of the trajectory (one sigma)") or absent
 
 

@@ -80,13 +80,15 @@ def _against(what: str) -> str:
 
 
 def _doubts(data: Mapping[str, Any]) -> list[str]:
-    """What the pipeline warned of where it ran first."""
-    if not data["warnings"]:
-        return []
-    which = "with all fixes" if data["against"] != "reference" else "with outages"
-    lines = [f"warning: the result {which}: {text}" for text in data["warnings"]]
-    distrust = any("do not trust" in text for text in data["warnings"])
-    return [*lines, "warning: so these errors are not to be trusted either"] if distrust else lines
+    """What the pipeline warned of, each text once with all that it ran over; and whose errors are not to be trusted."""
+    found: dict[str, list[str]] = {}
+    for over, texts in data["warnings"].items():
+        for text in texts:
+            found.setdefault(text, []).append(over)
+    lines = [f"warning: the result with {' and '.join(over)}: {text}" for text, over in found.items()]
+    doubted = dict.fromkeys(over for text, overs in found.items() if "do not trust" in text for over in overs)
+    distrust = f"warning: so what is told of {' and '.join(doubted)} is not to be trusted either"
+    return [*lines, distrust] if doubted else lines
 
 
 def _lengths(text: str) -> list[float]:

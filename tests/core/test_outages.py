@@ -79,15 +79,20 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     assert "against the log's own reference" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == ["outages.json", "outages.md", "outages.png"]
     told = json.loads((out / "outages.json").read_text())
-    assert told["warnings"] == []
+    assert told["warnings"] == {"outages of 10 s": []}
     # Two frequencies, good to a metre: ten seconds add little, and nothing that a sigma of 1.4 m does not cover.
     assert told["lengths"][0]["horizontal"]["max"] < 5.0
     assert main(["outages", str(kept), "--lengths", "ten"]) == 2
 
 
 def test_a_base_result_that_is_not_to_be_trusted_says_so_beside_the_errors():
-    doubts = {"against": "all fixes", "warnings": ["positions stray: do not trust them"]}
-    told = _doubts(doubts)
-    assert told[0] == "warning: the result with all fixes: positions stray: do not trust them"
-    assert "not to be trusted either" in told[1]
-    assert _doubts({"against": "all fixes", "warnings": []}) == []
+    stray = "positions stray: do not trust them"
+    told = _doubts(
+        {"warnings": {"all fixes": [stray], "outages of 10 s": [], "outages of 30 s": [stray, "a box moved"]}}
+    )
+    assert told == [
+        f"warning: the result with all fixes and outages of 30 s: {stray}",
+        "warning: the result with outages of 30 s: a box moved",
+        "warning: so what is told of all fixes and outages of 30 s is not to be trusted either",
+    ]
+    assert _doubts({"warnings": {"all fixes": []}}) == []

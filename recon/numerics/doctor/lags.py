@@ -21,6 +21,7 @@ from recon.numerics.smoothing.robust import cauchy_weights
 
 _SURE: Final = 3.0
 """Standard deviations from zero."""
+_ON_TIME: Final = "{} are on time as far as this log can tell: late by {:.2f} s, give or take {:.2f} s."
 _NOTICED_S: Final = 0.1
 """A lag below does no harm: fuser.map finds it."""
 _SPAN_S, _NEAR_S = 4.0, 8.0
@@ -45,7 +46,7 @@ def velocity_lag(clocks: Clocks, imu: Imu, gnss: Gnss) -> Finding:
         own = gnss.later(-clocks.shift_s)
         deviations = numbers["deviations"] = max(deviations, _apart(imu, own, lag.seconds))
     if size < _NOTICED_S or deviations < _SURE:
-        text = f"Speeds and courses are on time (late by {lag.seconds:.2f} s, give or take {lag.sigma:.2f} s)."
+        text = _ON_TIME.format("Speeds and courses", lag.seconds, lag.sigma)
         return confirmed(code, value, text, **numbers)
     when = (
         _WORDS.format(lag.seconds)
@@ -79,7 +80,7 @@ def position_lag(clocks: Clocks, gnss: Gnss) -> Finding:
     numbers = {"lag_s": lag.seconds, "sigma_s": lag.sigma}
     value = round(lag.seconds, 3)
     if abs(lag.seconds) < max(_NOTICED_S, 4.0 * lag.sigma):
-        text = f"Positions are on time (late by {lag.seconds:.2f} s, give or take {lag.sigma:.2f} s)."
+        text = _ON_TIME.format("Positions", lag.seconds, lag.sigma)
         return confirmed(code, value, text, **numbers)
     if lag.seconds > 0:
         text = f"GNSS positions are late: {_WORDS.format(lag.seconds)}; at 50 km/h that is {13.9 * lag.seconds:.0f} m."

@@ -64,7 +64,7 @@ def jitter(imu: Imu) -> Finding:
     if spread <= _JITTER * usual:
         least = max(1e3 * size, 1e-3)
         text = f"The times of the IMU are even: a step is {1e3 * usual:.4g} ms, give or take {least:.2g} ms."
-        return confirmed(code, size, text, **numbers)
+        return confirmed(code, round(size, 9), text, **numbers)
     text = (
         f"The times of the IMU are uneven: a step is {1e3 * usual:.4g} ms, give or take {1e3 * spread:.2g} ms. Either "
         "the sensor was read unevenly, which does no harm, or the logger stamped rows when it found the time, and then "
