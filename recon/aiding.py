@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from recon.driving import Observed
+from recon.fixes import Observed
 from recon.numerics.barometer import height_scale, pressure_height
 from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, rotate, slerp, to_rotvec
 from recon.numerics.smoothing import level_rotation, positions_n

@@ -73,7 +73,8 @@ def mount(*, imu: pa.Table, gnss: pa.Table, params: MountParams) -> Streams:
 
 
 def _found(imu: pa.Table, gnss: pa.Table, sensor_class: str) -> Estimate:
-    from recon.driving import Trust, drive_of, measured, observe, solve
+    from recon.driving import drive_of, measured, solve
+    from recon.fixes import Trust, observe
     from recon.numerics.smoothing import Model, Noise
 
     imu = measured(imu)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from recon import Array, Metric, has, time_ns, vector, warning
 from recon.agreement import agreement, as_metrics
-from recon.driving import Observed
+from recon.fixes import Observed
 from recon.numerics.smoothing import Estimate, Noise
 
 _REJECTED: Final = 0.2

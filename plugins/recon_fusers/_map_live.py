@@ -17,7 +17,8 @@ import pyarrow as pa
 
 from recon import DataError, Streams, select_rows, time_ns, with_meta
 from recon.aiding import AidTrust, aids_of
-from recon.driving import Observed, drive_of, measured, observe, solve
+from recon.driving import drive_of, measured, solve
+from recon.fixes import Observed, observe
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
 from recon.numerics.smoothing.arrival import Arrival

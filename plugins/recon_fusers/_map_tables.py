@@ -10,7 +10,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon import RESIDUALS, TRAJECTORY, Array, Event, Metric, build, meta, time_ns, with_meta
-from recon.driving import Observed, mounting_metrics
+from recon.driving import mounting_metrics
+from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, between_knots, full_rate, geodetic, sigmas
 from recon.numerics.smoothing.soa import matrix_to_quat, quat_multiply

@@ -59,7 +59,7 @@ from recon.numerics.rotation import from_euler
 from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
-    from recon.driving import Observed, Trust
+    from recon.fixes import Observed, Trust
     from recon.numerics.smoothing import Model, Noise
 
 
@@ -150,7 +150,8 @@ def fuse_map(
     raises : NotEnoughData and DataError where the log cannot tell, with what is missing
     """
     from recon.aiding import AidTrust, aids_of
-    from recon.driving import drive_of, impacts_of, measured, observe, solve
+    from recon.driving import drive_of, impacts_of, measured, solve
+    from recon.fixes import observe
     from recon.numerics.smoothing.aids import Speed
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
@@ -184,7 +185,7 @@ def fuse_map(
 
 def trust_of(params: MapParams) -> Trust:
     """What is believed of GNSS where it reports no sigma."""
-    from recon.driving import Trust
+    from recon.fixes import Trust
 
     across, up = params.gnss_horizontal, params.gnss_vertical
     return Trust(

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from recon.aiding import AidTrust, aids_of
-from recon.driving import Trust, observe
+from recon.fixes import Trust, observe
 from recon.numerics.barometer import height_scale, pressure_height
 from recon.numerics.rotation import from_rotvec
 from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate

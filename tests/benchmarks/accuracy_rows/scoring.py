@@ -22,7 +22,8 @@ from peers.drives import Drive, Estimate
 from peers.scores import Errors, Score, in_outage, score
 from peers.simulated import simulated
 
-from recon.driving import drive_of, observe, solve
+from recon.driving import drive_of, solve
+from recon.fixes import observe
 from recon.knots import ATTITUDE, POSITION, VELOCITY, Knots
 from recon.numerics.geodesy import Anchor, geodetic_to_enu, local_axes_e
 from recon.numerics.rotation import Floats, conjugate, from_matrix, multiply, rotate, to_euler, to_rotvec
