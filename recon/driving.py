@@ -28,8 +28,8 @@ def measured(imu: pa.Table) -> pa.Table:
 
     raises : DataError where half of them or more do not
     """
-    six = np.concatenate([matrix(imu, group, gaps=True) for group in ("accel", "gyro")], axis=1)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(six).all(axis=1))
+    force, rate = (np.isfinite(matrix(imu, group, gaps=True)).all(axis=1) for group in ("accel", "gyro"))
+    known: NDArray[np.bool_] = force & rate
     if known.all():
         return imu
     if 2 * known.sum() <= len(known):
@@ -86,9 +86,9 @@ def impacts_of(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip
     imu : accel m/s^2, specific force; crashes : (start, end) in ns since 1970
     error : share of a change of velocity that the IMU misses, by what no scale error explains; slip_s : s, as in Impact
     """
-    t_ns, accel = time_ns(imu), matrix(imu, "accel")
-    if not crashes or not len(t_ns):
+    if not crashes or not imu.num_rows:
         return ()
+    t_ns, accel = time_ns(imu), matrix(imu, "accel")
     mask = clipped(accel, least=_FELT[1])
     found = []
     for start_ns, end_ns in crashes:

@@ -189,7 +189,9 @@ def _field(column: Column) -> pa.Field:
 
 def select_rows(table: pa.Table, choice: NDArray[Any]) -> pa.Table:
     """The rows where a (n,) bool is true, or those that an integer array names; metadata is kept."""
-    return table.filter(pa.array(choice)) if choice.dtype == bool else table.take(pa.array(choice))
+    if choice.dtype != bool:
+        return table.take(pa.array(choice))
+    return table if choice.all() else table.filter(pa.array(choice))
 
 
 def meta(table: pa.Table) -> dict[str, Any]:

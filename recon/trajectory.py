@@ -260,8 +260,8 @@ def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, f
     Of rows that hold a position and a velocity; what nothing tells is left out.
     """
     if trajectory is not None:
-        motion = np.hstack([matrix(trajectory, name, gaps=True) for name in ("pos", "vel")])
-        found = Trajectory(select_rows(trajectory, np.asarray(np.isfinite(motion).all(axis=1))))
+        known = [np.isfinite(matrix(trajectory, name, gaps=True)).all(axis=1) for name in ("pos", "vel")]
+        found = Trajectory(select_rows(trajectory, known[0] & known[1]))
         if len(found):
             return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
     return {} if gnss is None or not gnss.num_rows else _of_fixes(gnss)

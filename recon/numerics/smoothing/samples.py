@@ -167,7 +167,7 @@ def _whole_intervals(samples: Samples, *, keep: bool) -> Samples:
     pad = max(steps - len(samples.filled), 0)
 
     def fit(x: Floats) -> Floats:
-        return np.concatenate([x[: steps + 1], np.repeat(x[-1:], pad, axis=0)])
+        return np.concatenate([x, np.repeat(x[-1:], pad, axis=0)]) if pad else x[: steps + 1]
 
     return Samples(
         t_s=fit(samples.t_s),
