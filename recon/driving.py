@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from recon.errors import DataError, NotEnoughData
 from recon.fixes import Observed
@@ -17,7 +16,7 @@ from recon.numerics.smoothing import Drive, Estimate, Impact, Model, Noise, esti
 from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import MOUNT
 from recon.rows import Metric
-from recon.tables import has, matrix, seconds, select_rows, time_ns, vector
+from recon.tables import has, known_rows, matrix, seconds, select_rows, time_ns, vector
 
 _FELT: Final = (5.0, 15.0)
 """m/s^2 between which the usual specific force of a vehicle lies, whatever the sensor's scale and bias."""
@@ -28,8 +27,7 @@ def measured(imu: pa.Table) -> pa.Table:
 
     raises : DataError where half of them or more do not
     """
-    force, rate = (np.isfinite(matrix(imu, group, gaps=True)).all(axis=1) for group in ("accel", "gyro"))
-    known: NDArray[np.bool_] = force & rate
+    known = known_rows(imu, "accel", "gyro")
     if known.all():
         return imu
     if 2 * known.sum() <= len(known):

@@ -79,6 +79,15 @@ def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
     return out.T
 
 
+def known_rows(table: pa.Table, *groups: str) -> NDArray[np.bool_]:
+    """Rows with a number in every column of these groups: (n,) bool."""
+    known = np.ones(table.num_rows, dtype=bool)
+    for group in groups:
+        for name in spread(group, table.column_names):
+            known &= np.isfinite(vector(table, name, gaps=True))
+    return known
+
+
 def measured_axes(table: pa.Table, group: str) -> tuple[Array, list[str]]:
     """As `matrix` with gaps; columns without any value are taken for zero and named, unless all are without."""
     values = matrix(table, group, gaps=True)

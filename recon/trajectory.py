@@ -18,7 +18,7 @@ from recon.numerics.rotation import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
 from recon.problems import shortened
-from recon.tables import Array, has, matrix, meta, seconds, select_rows, time_ns, vector
+from recon.tables import Array, has, known_rows, matrix, meta, seconds, select_rows, time_ns, vector
 from recon.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -260,8 +260,7 @@ def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, f
     Of rows that hold a position and a velocity; what nothing tells is left out.
     """
     if trajectory is not None:
-        known = [np.isfinite(matrix(trajectory, name, gaps=True)).all(axis=1) for name in ("pos", "vel")]
-        found = Trajectory(select_rows(trajectory, known[0] & known[1]))
+        found = Trajectory(select_rows(trajectory, known_rows(trajectory, "pos", "vel")))
         if len(found):
             return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
     return {} if gnss is None or not gnss.num_rows else _of_fixes(gnss)
