@@ -19,6 +19,7 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -119,8 +120,7 @@ def staged_folder(final: Path, *, overwrite: bool = False) -> Iterator[Path]:
         with storage_errors(final):
             partial.mkdir(parents=True)
             yield partial
-            for path in sorted(partial.rglob("*")):
-                _sync(path)
+            _sync_all(partial)
             refuse_existing(final, overwrite)
             _swap(partial, place)
     except BaseException as error:
@@ -185,6 +185,12 @@ def _free_space(target: Path) -> str:
 
 def _beside(place: Path, what: str) -> Path:
     return place.with_name(f".{place.name[:100]}.{what}-{secrets.token_hex(4)}")
+
+
+def _sync_all(folder: Path) -> None:
+    """Every file below a folder, at once: a disk writes many together in the time of one."""
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(_sync, folder.rglob("*")))
 
 
 def _sync(path: Path) -> None:
