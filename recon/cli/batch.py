@@ -83,7 +83,7 @@ def _planned_text(planned: dict[str, Any]) -> str:
     todo = planned["to_do"]
     rows = [(key.replace("_", " "), str(value)) for key, value in planned.items() if key != "to_do"]
     lines = [console.table([*rows, ("to do", str(len(todo)))])]
-    lines += [f"{drive['job']}  {drive['input']}" for drive in todo[:MOST_LISTED]]
+    lines += ["{job}  {input}".format(**drive).replace("\n", r"\n") for drive in todo[:MOST_LISTED]]
     more = len(todo) - MOST_LISTED
     return "\n".join([*lines, f"... and {more} more, see --json"] if more > 0 else lines)
 

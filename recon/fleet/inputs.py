@@ -32,6 +32,11 @@ _SCHEMA: Final = pa.schema(
 )
 _CHUNK: Final = 1024
 
+_LONGEST: Final = 255
+"""Bytes that file systems allow in the name of a folder."""
+_WIDEST: Final = 12
+"""Bytes that one character becomes at most."""
+
 
 class Drive(NamedTuple):
     """One recording of a fleet. stamp : None where nothing is at its place."""
@@ -104,7 +109,7 @@ def find(batch: BatchFile) -> Drives:
     for index, inputs in enumerate(batch.inputs):
         where = batch.root.at(["inputs", index]).where
         try:
-            found = Drives.of((_listed if inputs.list_file else _globbed)(inputs, batch, where))
+            found = Drives.of(_named_shortly((_listed if inputs.list_file else _globbed)(inputs, batch, where), where))
         except ConfigError as error:
             problems += error.problems
             continue
@@ -122,6 +127,18 @@ def find(batch: BatchFile) -> Drives:
     if problems:
         raise ConfigError(problems)
     return Drives.of(chain.from_iterable(parts))
+
+
+def _named_shortly(drives: Iterable[Drive], where: Where) -> Iterator[Drive]:
+    """The drives. Raises ConfigError where one has a name that no folder can have."""
+    for drive in drives:
+        for key, name in (("vehicle", drive.vehicle), ("drive", drive.drive)):
+            if _WIDEST * len(name) + len(key) < _LONGEST or len(f"{key}={_encoded(name)}") <= _LONGEST:
+                continue
+            place = shortened(str(drive.place), 120)
+            text = f"the {key} {shortened(name, 40)} of {place} has too long a name for a folder"
+            raise ConfigError([Problem(where, "long-name", text, f"write a rule for '{key}' that gives a shorter one")])
+        yield drive
 
 
 def _globbed(inputs: Inputs, batch: BatchFile, where: Where) -> Iterator[Drive]:

@@ -7,15 +7,18 @@ It may be secret (a SAS token of Azure, for instance), and is shown nowhere.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from recon.errors import ReadFailed
+from recon.storage.json_text import readable
 
 Stamp: TypeAlias = tuple[int, int]
 """Bytes and time of change, ns: by these a file is known to be the same. Of a folder, their sum and the latest."""
@@ -171,13 +174,18 @@ def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[
     deep = part == "**"
     try:
         infos = below(pattern.at(path), deep=deep)
+        wanted = [info.path for info in infos if not folders_only or info.type == fs.FileType.Directory]
     except NotADirectoryError:
         return []
-    wanted = [info for info in infos if not folders_only or info.type == fs.FileType.Directory]
+    except UnicodeDecodeError as error:
+        names = (name for _, *parts in os.walk(path) for name in chain(*parts))
+        wrong = next((readable(name) for name in names if readable(name) != name), "of a file")
+        raise OSError(f"the name {wrong} in {path} is not UTF-8: rename it") from error
     if deep:
-        shown = [i.path for i in wanted if "/." not in i.path[len(path) :]]
+        shown = [one for one in wanted if "/." not in one[len(path) :]]
         return [path, *shown] if folders_only else shown
-    return [i.path for i in wanted if fnmatchcase(i.base_name, part) and not i.base_name.startswith(".")]
+    named = ((one, one.rpartition("/")[2]) for one in wanted)
+    return [one for one, name in named if fnmatchcase(name, part) and not name.startswith(".")]
 
 
 def fetch(place: Place, folder: Path) -> Path:

@@ -151,9 +151,9 @@ class LocalRoot(Root):
     def set_aside(self, key: str) -> bool:
         """Rename."""
         final, aside = self.folder / key, self.folder / SUPERSEDED / key
-        if not final.exists():
-            return False
         with storage_errors(aside):
+            if not final.exists():
+                return False
             shutil.rmtree(aside, ignore_errors=True)
             aside.parent.mkdir(parents=True, exist_ok=True)
             final.rename(aside)

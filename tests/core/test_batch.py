@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -137,6 +139,24 @@ def test_a_dry_run_leaves_nothing(small: Path, capsys: pytest.CaptureFixture[str
     facts = told(capsys, "batch", str(small), "--dry-run")
     assert {job["job"] for job in facts["to_do"]} == keys(GOOD)
     assert not (small.parent / "results").exists()
+
+
+def test_a_name_that_no_folder_can_have_is_told_before_the_first_job(
+    small: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A letter that is not ASCII takes six to twelve bytes in the name of a partition."""
+    (small.parent / "logs/A12" / f"{60 * 'é'}.txt").write_text("good 1", encoding="utf-8")
+    assert main(["batch", str(small)]) == 2
+    assert f"batch.yaml:4:10: error: the drive {40 * 'é'}..." in (said := capsys.readouterr().err)
+    assert "has too long a name for a folder" in said
+    assert not (small.parent / "results").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_name_that_is_not_utf_8_is_told(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path(os.fsdecode(os.fsencode(small.parent / "logs/A12") + b"/caf\xe9.txt")).write_text("good 1", encoding="utf-8")
+    assert main(["batch", str(small)]) == 2
+    assert r"logs/*/*.txt cannot be listed: the name caf\xe9.txt in" in capsys.readouterr().err
 
 
 def test_exports_come_with_the_result(small: Path) -> None:
