@@ -11,6 +11,9 @@ beforehand to be about zero: without changes of temperature they stay so, and th
 first row: a drive that is run again takes the place of its own, so the result does not depend on how often. The file is
 made where it is not there. Do not run drives of one device at the same time: the last to write would win.
 
+Before fuser.map let `between` be constant: the model alone moves the offset then, and the rest is left to its random
+walk, which steps from stop to stop would break.
+
 References
     IEEE Std 952-1997: sensitivity of the bias to temperature.
     Thesis, chapter 9.1.
@@ -66,8 +69,10 @@ class GyroTemperatureParams(Params):
     """Parameters of filter.gyro_temperature."""
 
     model: Literal["linear", "quadratic"] = setting("quadratic", doc="Of the offset against the temperature.")
-    between: Literal["hold", "linear"] = setting(
-        "hold", doc="What a stop showed beside the model: kept until the next, or on a straight line to the next."
+    between: Literal["hold", "linear", "constant"] = setting(
+        "hold",
+        doc="What a stop showed beside the model: kept until the next, on a straight line to the next, or the mean of "
+        "all stops throughout, for a fuser that follows the rest itself.",
     )
     stop_sigma: float = quantity(
         0.01, "deg/s", gt=0, doc="Of an offset found at a stop, its walk since the last included."
@@ -99,11 +104,11 @@ def gyro_temperature(*, imu: pa.Table, events: pa.Table | None, params: GyroTemp
     learnt = [Metric("stops", float(len(stops)), note="in pieces of at most 20 s")]
     if powers is None:
         powers = np.zeros((len(t_ns), 2))
-        learnt.append(warning("imu tells no temperature: the offset of each stop is kept until the next"))
+        learnt.append(warning("imu tells no temperature: only what the stops show is taken off"))
     at_stops = _means(t_ns, stops, powers)
     drives[str(t_ns[0])] = _sums(at_stops, offsets)
     slopes, sigma = _slopes(drives.values(), params)
-    beside = between_stops(t_ns, stops, offsets - at_stops @ slopes, params.between)
+    beside = _beside(t_ns, stops, offsets - at_stops @ slopes, params.between)
     if params.calibration is not None:
         _write(params.calibration, drives)
     corrected = replace(imu, gyro=gyro - powers @ slopes - beside)
@@ -146,6 +151,15 @@ def _slopes(drives: Iterable[Sums], params: GyroTemperatureParams) -> tuple[Arra
     slopes[used] = np.linalg.solve(normal, offsets[used] / variance)
     sigma[used] = np.sqrt(np.diag(np.linalg.inv(normal)))
     return slopes, sigma
+
+
+def _beside(
+    t_ns: NDArray[np.int64], stops: Spans, shown: Array, between: Literal["hold", "linear", "constant"]
+) -> Array:
+    """What the stops showed beside the model, at each row or of all: (n, 3) or (3,) rad/s."""
+    if between == "constant":
+        return np.asarray(shown.mean(axis=0))
+    return between_stops(t_ns, stops, shown, between)
 
 
 def _read(name: str | None) -> dict[str, Sums]:

@@ -92,7 +92,8 @@ def mapped(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
     made, _ = warmed(seed, 2, duration_s, outages=spans)
     reference = made["reference"]
     with tempfile.TemporaryDirectory() as folder:
-        better = gyro_temperature(imu=made["imu"], events=stops(made), params=learnt(seed, duration_s, folder))["imu"]
+        params = learnt(seed, duration_s, folder).model_copy(update={"between": "constant"})
+        better = gyro_temperature(imu=made["imu"], events=stops(made), params=params)["imu"]
     errors: dict[str, float] = {}
     for name, imu in (("without", made["imu"]), ("with", better)):
         found = fuse_map(imu=imu, gnss=made["gnss"], wheel=None, attitude=None, params=MapParams())["trajectory"]

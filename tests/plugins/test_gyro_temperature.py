@@ -69,9 +69,20 @@ def test_without_changes_of_temperature_it_is_gyro_offset(temperature: Array | N
     assert found == pytest.approx(np.degrees(matrix(expected, "gyro")), abs=1e-12)
 
 
+def test_the_constant_that_a_fuser_wants_leaves_no_steps_at_stops() -> None:
+    rng = np.random.default_rng(3)
+    jumps = np.radians(0.02) * rng.standard_normal((len(STOPS), 3))
+    at_stops = np.searchsorted([start for start, _ in STOPS], T_S, side="right") - 1
+    gyro = warm() + jumps[at_stops]
+    held, constant = (np.radians(left(gyro, between=how)) - gyro for how in ("hold", "constant"))
+    assert np.abs(np.diff(held, axis=0)).max() > np.radians(0.01)
+    assert np.abs(np.diff(constant, axis=0)).max() < np.radians(0.001)  # 0.005 K from row to row
+    assert np.abs((gyro + constant).mean(axis=0)).max() < np.radians(0.02)
+
+
 def test_a_missing_temperature_is_said() -> None:
     made = gyro_temperature(imu=imu_of(warm(), None), events=stops(), params=GyroTemperatureParams())
-    assert warnings_of(made["metrics"]) == ["imu tells no temperature: the offset of each stop is kept until the next"]
+    assert warnings_of(made["metrics"]) == ["imu tells no temperature: only what the stops show is taken off"]
 
 
 def test_a_later_drive_with_one_stop_uses_what_earlier_ones_learnt(tmp_path: Path) -> None:
