@@ -429,6 +429,8 @@ STEP: Final = _text("step", "the step that made the row; added by the runner")
 APPENDED: Final = ("events", "metrics")
 SEVERAL_AT_A_TIME: Final = ("residuals",)
 """Streams with a row for each component of a measurement: their times rise, but not strictly."""
+FURTHER_IMUS: Final = ("imu_2", "imu_3", "imu_4")
+"""Streams of the boxes that stages take beside `imu`."""
 
 
 def unnumbered(stream: str) -> str:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace as changed
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -41,10 +41,10 @@ from recon import (
 from recon.numerics.box_clocks import Inertial
 from recon.numerics.boxes import Placement, lever_acceleration, place, quiet_rate
 from recon.numerics.rotation import from_euler, rotate, to_euler
+from recon.schema import FURTHER_IMUS
 
 _SHOWN_DEG, _SHOWN_S, _SHOWN_M = 0.5, 0.005, 0.1
 """Sigmas up to which a drive shows a rotation, a lag and a lever arm."""
-_FURTHER: Final = ("imu_2", "imu_3", "imu_4")
 
 
 class BoxesParams(Params):
@@ -75,7 +75,9 @@ def align_boxes(
     params: BoxesParams,
 ) -> Streams:
     """Further boxes as imu would have measured. Raises NotEnoughData where one cannot be placed."""
-    further = {name: table for name, table in zip(_FURTHER, (imu_2, imu_3, imu_4), strict=True) if table is not None}
+    further = {
+        name: table for name, table in zip(FURTHER_IMUS, (imu_2, imu_3, imu_4), strict=True) if table is not None
+    }
     if not further:
         return {"metrics": metrics([warning("there is only one box (imu): nothing was aligned")])}
     first = _inertial(imu)
@@ -164,13 +166,13 @@ def _metric(name: str, value: float, unit: str, sigma: float, note: str) -> Metr
 @hookimpl
 def declare_aligners() -> Iterable[Aligner]:
     """Declare aligner.boxes."""
-    further = {name: IMU.need("accel", "gyro", optional=True) for name in _FURTHER}
+    further = {name: IMU.need("accel", "gyro", optional=True) for name in FURTHER_IMUS}
     yield Aligner(
         name="boxes",
         summary="Finds how further boxes stand to the first, and writes them as the first would have measured.",
         params=BoxesParams,
         reads={"imu": IMU.need("accel", "gyro"), **further},
-        writes=dict.fromkeys(_FURTHER, SAME),
+        writes=dict.fromkeys(FURTHER_IMUS, SAME),
         run=align_boxes,
         references=("Groves 2013, section 2.5.5", "Davenport 1968"),
     )

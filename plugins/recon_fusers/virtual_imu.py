@@ -38,8 +38,8 @@ from recon import (
 )
 from recon.numerics.signals import interpolate, runs
 from recon.numerics.virtual_imu import combine, noise_density
+from recon.schema import FURTHER_IMUS
 
-_FURTHER: Final = ("imu_2", "imu_3", "imu_4")
 _LOOSE: Final = 0.8
 """Of the time since it first lost a vote in which a box that came loose loses them."""
 
@@ -59,7 +59,7 @@ def virtual_imu(
     params: VirtualImuParams,
 ) -> Streams:
     """The weighted mean of all boxes at the rows of imu."""
-    tables = zip(_FURTHER, (imu_2, imu_3, imu_4), strict=True)
+    tables = zip(FURTHER_IMUS, (imu_2, imu_3, imu_4), strict=True)
     boxes = {"imu": imu, **{name: table for name, table in tables if table is not None and table.num_rows}}
     t_ns = time_ns(imu)
     if len(boxes) == 1 or not len(t_ns):
@@ -124,7 +124,7 @@ def declare_fusers() -> Iterable[Fuser]:
         params=VirtualImuParams,
         reads={
             "imu": IMU.need("accel", "gyro"),
-            **{name: IMU.need("accel", "gyro", optional=True) for name in _FURTHER},
+            **{name: IMU.need("accel", "gyro", optional=True) for name in FURTHER_IMUS},
         },
         writes={"imu": SAME, "events": EVENTS},
         run=virtual_imu,

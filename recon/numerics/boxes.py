@@ -56,6 +56,8 @@ _ALIKE, _TOLD = 0.02, 0.01
 """rad; rotations of two windows that are one, and the sigma up to which a window tells its own."""
 _SETTLED: Final = 0.02
 """Of the sigmas; smaller steps end the search."""
+_FINEST: Final = 1e-3
+"""Of the time between samples: averages over several of them tell no lag finer."""
 _QUIET: Final = 0.02
 """Share of a drive that stands at least."""
 _TURN, _CLOCK, _LEVER = slice(0, 3), slice(3, 5), slice(5, 8)
@@ -130,6 +132,7 @@ def place(first: Inertial, second: Inertial, largest_s: float = 10.0) -> Placeme
     (lag, drift), (lag_sigma, drift_sigma) = state[_CLOCK].tolist(), sigma[_CLOCK].tolist()
     arm = state[_LEVER]
     arm_sigma = np.hypot(sigma[_LEVER], _SCALE_PRIOR * np.linalg.norm(arm))  # its accelerations are the gyroscope's
+    lag_sigma = float(np.hypot(lag_sigma, _FINEST / median_rate(first.t_ns)))
     return Placement(q_12, sigma[_TURN], lag, lag_sigma, drift, drift_sigma, middle_ns, arm, arm_sigma)
 
 

@@ -42,6 +42,16 @@ def test_two_boxes_are_placed_to_a_tenth_of_a_degree_a_millisecond_and_five_cent
     assert not warnings_of(aligned["metrics"])
 
 
+def test_its_sigmas_hold(pair, aligned):
+    found = told(aligned)
+    lever = [(f"imu_2_lever_arm_{axis}", arm) for axis, arm in zip("xyz", pair.levers[1], strict=True)]
+    over = [
+        (found[name]["value"] - true) / found[name]["sigma"]
+        for name, true in (("imu_2_lag", pair.lags_s[1]), ("imu_2_drift", 1e6 * pair.drifts[1]), *lever)
+    ]
+    assert np.sqrt(np.mean(np.square(over))) < 2.5  # of five values of sigma one, told from twenty windows: once in 1e5
+
+
 def test_the_second_box_is_written_as_the_first_would_have_measured(pair, aligned):
     first, second = pair.imus[0], aligned["imu_2"]
     t_ns = time_ns(second)
