@@ -5,8 +5,10 @@
 Simulated drives of ten minutes, each on a route of its own, with boxes of one kind 1.5 m apart in mountings and clocks
 that aligner.boxes does not know. "Minute" is how far attitude has gone from the truth after a minute of the gyroscopes
 alone, their bias taken from the quietest seconds: root mean square of the ten minutes. "Map" is that of fuser.map with
-GNSS, but for its mean in the vehicle, which is the error of the mounting that it found and the same for any number of
-boxes of one kind. Alone is the first box.
+the GNSS of the first box, but for its mean in the vehicle, which is the error of the mounting that it found and the
+same for any number of boxes of one kind. "Outage" is what four minutes without GNSS, a minute apart, add to the
+horizontal error: how far the way goes from that of the drive with all fixes, root mean square in these minutes. Alone
+is the root mean square over the three boxes, each alone in the axes of the first: which of three is the first is luck.
 """
 
 from __future__ import annotations
@@ -17,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from box_drives import Boxes, boxes
 
-from recon import matrix, seconds, time_ns
+from recon import matrix, seconds, select_rows, time_ns
 from recon.numerics.box_clocks import Inertial
 from recon.numerics.boxes import quiet_rate
 from recon.numerics.rotation import (
@@ -41,28 +44,41 @@ from recon_fusers.map import declare_fusers
 from recon_fusers.virtual_imu import VirtualImuParams, virtual_imu
 
 _MINUTE_S = 60.0
+_OUTAGES_S = (120.0, 240.0, 360.0, 480.0)
+"""Beginnings of minutes without GNSS."""
 
 
-def merged(drive: Boxes) -> tuple[pa.Table, dict[str, float]]:
-    """The virtual IMU of three boxes, and how far the places found are from the truth: deg, ms, cm, the worst."""
+def placed(drive: Boxes) -> tuple[list[pa.Table], dict[str, float], list[float]]:
+    """The boxes in the axes of the first, the worst of the places found (deg, ms, cm), and errors over their sigmas."""
     first, second, third = drive.imus
     aligned = align_boxes(imu=first, imu_2=second, imu_3=third, imu_4=None, params=BoxesParams())
-    told = {row["name"]: row["value"] for row in aligned["metrics"].to_pylist()}
-    worst = {"deg": 0.0, "ms": 0.0, "cm": 0.0}
+    told = {row["name"]: row for row in aligned["metrics"].to_pylist()}
+    worst, over = {"deg": 0.0, "ms": 0.0, "cm": 0.0}, []
     for number in (2, 3):
-        lever = np.array([told[f"imu_{number}_lever_arm_{axis}"] for axis in "xyz"])
+        lever = np.array([told[f"imu_{number}_lever_arm_{axis}"]["value"] for axis in "xyz"])
+        apart = np.degrees(to_rotvec(multiply(_turn(told, number), conjugate(drive.q_1[number - 1]))))
+        late = told[f"imu_{number}_lag"]["value"] - drive.lags_s[number - 1]
+        away = lever - drive.levers[number - 1]
         found = {
-            "deg": float(np.degrees(angle(_turn(told, number), drive.q_1[number - 1]))),
-            "ms": 1e3 * abs(told[f"imu_{number}_lag"] - drive.lags_s[number - 1]),
-            "cm": 100.0 * float(np.abs(lever - drive.levers[number - 1]).max()),
+            "deg": float(np.linalg.norm(apart)),
+            "ms": 1e3 * abs(late),
+            "cm": 100.0 * float(np.abs(away).max()),
         }
         worst = {unit: max(value, found[unit]) for unit, value in worst.items()}
-    boxes_2_and_3 = {name: aligned[name] for name in ("imu_2", "imu_3")}
-    return virtual_imu(imu=first, **boxes_2_and_3, imu_4=None, params=VirtualImuParams())["imu"], worst
+        names = ("yaw", "lag", *(f"lever_arm_{axis}" for axis in "xyz"))
+        sigma = [told[f"imu_{number}_{name}"]["sigma"] for name in names]
+        over += [*(apart / sigma[0]), late / sigma[1], *(away / sigma[2:])]
+    return [first, aligned["imu_2"], aligned["imu_3"]], worst, over
 
 
-def _turn(told: dict[str, float], number: int) -> Floats:
-    return from_euler(*(np.radians(told[f"imu_{number}_{name}"]) for name in ("yaw", "pitch", "roll")))
+def merged(boxes_of_first: list[pa.Table]) -> pa.Table:
+    """The virtual IMU of three boxes."""
+    first, second, third = boxes_of_first
+    return virtual_imu(imu=first, imu_2=second, imu_3=third, imu_4=None, params=VirtualImuParams())["imu"]
+
+
+def _turn(told: dict[str, dict[str, float]], number: int) -> Floats:
+    return from_euler(*(np.radians(told[f"imu_{number}_{name}"]["value"]) for name in ("yaw", "pitch", "roll")))
 
 
 def minute_error(imu: pa.Table, ideal: pa.Table) -> float:
@@ -78,15 +94,44 @@ def minute_error(imu: pa.Table, ideal: pa.Table) -> float:
     return float(np.degrees(np.sqrt(np.mean(angle(*apart) ** 2))))
 
 
-def map_error(imu: pa.Table, drive: Boxes) -> float:
-    """Root mean square of the attitude's error of fuser.map, but for its mean in the vehicle: deg."""
+def fused(imu: pa.Table, gnss: pa.Table) -> pa.Table:
+    """The trajectory of fuser.map."""
     (stage,) = declare_fusers()
-    streams = dict.fromkeys(stage.reads) | {"imu": imu, "gnss": drive.streams["gnss"]}
-    found = stage.run(**streams, params=stage.params())["trajectory"]
+    streams = dict.fromkeys(stage.reads) | {"imu": imu, "gnss": gnss}
+    return stage.run(**streams, params=stage.params())["trajectory"]
+
+
+def map_error(found: pa.Table, drive: Boxes) -> float:
+    """Root mean square of the attitude's error of a trajectory, but for its mean in the vehicle: deg."""
     truth = drive.streams["reference"]
     q_nv = slerp(time_ns(found), time_ns(truth), matrix(truth, "q"))
     error_v = to_rotvec(multiply(conjugate(q_nv), matrix(found, "q", gaps=True)))
     return float(np.degrees(np.sqrt(np.nansum(np.nanvar(error_v, axis=0)))))
+
+
+def outage_error(imu: pa.Table, whole: pa.Table, drive: Boxes) -> float:
+    """Root mean square of the horizontal way from the trajectory of the whole drive, in minutes without GNSS: m."""
+    gnss = drive.streams["gnss"]
+    cut = fused(imu, select_rows(gnss, ~_silent(gnss, drive)))
+    inside = _silent(cut, drive)
+    apart = (matrix(cut, "pos", gaps=True) - matrix(whole, "pos", gaps=True))[inside, :2]
+    return float(np.sqrt(np.nanmean((apart**2).sum(axis=1))))
+
+
+def _silent(table: pa.Table, drive: Boxes) -> NDArray[np.bool_]:
+    """The rows in the minutes without GNSS."""
+    at_s = (time_ns(table) - time_ns(drive.streams["gnss"])[0]) * 1e-9
+    return np.any([(at_s > begin_s) & (at_s < begin_s + _MINUTE_S) for begin_s in _OUTAGES_S], axis=0)
+
+
+def gains(drive: Boxes, ideal: pa.Table, three_boxes: list[pa.Table]) -> list[float]:
+    """Errors of one box and of three, by kind."""
+    errors = []
+    for imu in (*three_boxes, merged(three_boxes)):
+        whole = fused(imu, drive.streams["gnss"])
+        errors.append([minute_error(imu, ideal), map_error(whole, drive), outage_error(imu, whole, drive)])
+    alone = np.sqrt(np.mean(np.square(errors[:3]), axis=0))
+    return np.ravel(np.column_stack((alone, errors[3]))).tolist()
 
 
 def main() -> None:
@@ -95,25 +140,30 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--sensors", default="consumer_mems")
     given = parser.parse_args()
-    heads = ("deg", "ms", "cm", "minute alone", "minute three", "map alone", "map three")
+    kinds = ("minute", "map", "outage")
+    heads = ("deg", "ms", "cm", *(f"{kind} {boxes}" for kind in kinds for boxes in ("alone", "three")))
     print("seed", *heads, sep="  ")
-    rows = []
+    rows, over = [], []
     for seed in range(given.seeds):
         drive = boxes(seed, 3, sensors=given.sensors)
         ideal = boxes(seed, 1, sensors="perfect").imus[0]
-        three, worst = merged(drive)
-        pair = drive.imus[0], three
-        rows.append(
-            [*worst.values(), *(minute_error(one, ideal) for one in pair), *(map_error(one, drive) for one in pair)]
-        )
+        three_boxes, worst, ratios = placed(drive)
+        rows.append([*worst.values(), *gains(drive, ideal, three_boxes)])
+        over.append(ratios)
         print(
             f"{seed:4d}", *(f"{value:{len(head)}.3f}" for value, head in zip(rows[-1], heads, strict=True)), flush=True
         )
     found = np.array(rows)
     print("median", *(f"{value:.3f}" for value in np.median(found, axis=0)))
-    for name, alone, three in (("minute", 3, 4), ("map", 5, 6)):
-        ratio = found[:, three] / found[:, alone]
-        print(f"{name}: three over alone {np.median(ratio):.2f}, lower in {(ratio < 1).sum()} of {len(ratio)}")
+    print("worst ", *(f"{value:.3f}" for value in found[:, :3].max(axis=0)))
+    by_kind = np.sqrt(np.mean(np.reshape(over, (-1, 7)) ** 2, axis=0))
+    print("errors of places over their sigmas, rms: rotation, lag, lever arm", *(f"{value:.1f}" for value in by_kind))
+    for kind, alone in zip(kinds, (3, 5, 7), strict=True):
+        ratio, pooled = found[:, alone + 1] / found[:, alone], np.sqrt(np.mean(found**2, axis=0))
+        print(
+            f"{kind}: three over alone {np.median(ratio):.2f}, of all seeds together "
+            f"{pooled[alone + 1] / pooled[alone]:.2f}, lower in {(ratio < 1).sum()} of {len(ratio)}"
+        )
 
 
 if __name__ == "__main__":
