@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -76,6 +76,7 @@ class Motion:
 
     t_ns : (n,); accel : (n, 3) m/s^2, gravity removed; gyro : (n, 3) rad/s, zero where there is none
     directed : is x known to point forward?  turning : is there a gyro?
+    unmeasured : columns of axes of the vehicle along which nothing was measured
     """
 
     t_ns: NDArray[np.int64]
@@ -83,6 +84,7 @@ class Motion:
     gyro: Array
     directed: bool
     turning: bool
+    unmeasured: tuple[str, ...] = ()
 
 
 def motion_of(trajectory: pa.Table | None, imu: pa.Table | None) -> Motion | None:
@@ -91,13 +93,13 @@ def motion_of(trajectory: pa.Table | None, imu: pa.Table | None) -> Motion | Non
         return _rows(trajectory, matrix(trajectory, "accel", gaps=True), directed=True)
     if imu is None or not any(has(imu, f"accel_{axis}") for axis in "xyz"):
         return None
-    accel, _ = measured_axes(imu, "accel")
+    accel, unmeasured = measured_axes(imu, "accel")
     column = schema_of(imu)["accel_x"]
-    if column.quantity == "acceleration":
-        return _rows(imu, accel, directed=column.frame == "vehicle")
-    if column.frame in ("vehicle", "level"):
-        return _rows(imu, accel - [0.0, 0.0, STANDARD_GRAVITY], directed=column.frame == "vehicle")
-    return _levelled(imu, accel)
+    if column.quantity != "acceleration" and column.frame not in ("vehicle", "level"):
+        return _levelled(imu, accel)
+    felt = accel if column.quantity == "acceleration" else accel - [0.0, 0.0, STANDARD_GRAVITY]
+    found = _rows(imu, felt, directed=column.frame == "vehicle")
+    return replace(found, unmeasured=tuple(unmeasured))
 
 
 def _rows(table: pa.Table, accel: Array, *, directed: bool, turn: Array | None = None) -> Motion:

@@ -74,6 +74,11 @@ _TOLD: Final = 3.0
 """Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
 """What can be told where nobody knows which way is forward."""
+_ALONG: Final[Mapping[str, tuple[str, ...]]] = {
+    "accel_x": ("delta_v_long_max", "accel_peak_cfc60", "pdof", "oiv_long"),
+    "accel_y": ("delta_v_lat_max", "pdof", "oiv_lat"),
+}
+"""What cannot be told where an axis was not measured."""
 
 
 class CrashParams(PulseParams):
@@ -125,9 +130,15 @@ def _told(pulse: Pulse, doubt: Doubt, motion: Motion, params: CrashParams) -> di
     numbers = propagate(pulse, doubt, partial(measures, pulse=pulse, ahead=params.head_ahead), angles=("pdof",))
     numbers["time_of_max"] = _time_of_max(pulse, doubt)
     for name in _SIZES:
-        if numbers[name].value < _TOLD * numbers[name].sigma:
+        if numbers[name].value < _TOLD * _sigma_unclipped(numbers[name]):
             numbers[name] = replace(numbers[name], low=0.0)
-    return {name: value for name, value in numbers.items() if motion.directed or name in _UNDIRECTED}
+    unknown = {name for axis, names in _ALONG.items() if axis in motion.unmeasured for name in names}
+    return {n: value for n, value in numbers.items() if n not in unknown and (motion.directed or n in _UNDIRECTED)}
+
+
+def _sigma_unclipped(found: Uncertain) -> float:
+    """Of what clipping does not make: that only adds to a size."""
+    return float(np.sqrt(max(found.sigma**2 - found.shares.get("clipping", 0.0) ** 2, 0.0)))
 
 
 def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> dict[str, Array]:
@@ -195,20 +206,39 @@ def _speed(trajectory: pa.Table | None, zero_ns: int, gained: Uncertain, params:
         speed, sigma = (3.6 * value for value in known)
         method, note = "trajectory at time zero", "horizontal"
     elif params.restitution is not None:
-        speed = gained.value / (1.0 + params.restitution)
-        sigma = float(np.hypot(gained.sigma, speed * params.restitution_sigma)) / (1.0 + params.restitution)
-        method, note = "delta-V over 1 + restitution", "as if it came against something that did not move"
+        return _speed_of_impact(gained, params.restitution, params.restitution_sigma)
     else:
         return Metric("speed_before", None, "km/h", note="no trajectory tells it; against a wall, restitution does")
     low, high = (max(speed - NORMAL_95 * sigma, 0.0), speed + NORMAL_95 * sigma) if np.isfinite(sigma) else (None, None)
     return Metric("speed_before", speed, "km/h", sigma, low, high, method, note)
 
 
+def _speed_of_impact(gained: Uncertain, restitution: float, sigma: float) -> Metric:
+    """The speed before, as if it came against something that did not move. sigma : of the restitution"""
+    speed = gained.value / (1.0 + restitution)
+    doubt = speed * sigma / (1.0 + restitution)
+    below, above, spread = (
+        float(np.hypot(part / (1.0 + restitution), size * doubt))
+        for part, size in (
+            (gained.value - gained.low, NORMAL_95),
+            (gained.high - gained.value, NORMAL_95),
+            (gained.sigma, 1.0),
+        )
+    )
+    method, note = "delta-V over 1 + restitution", "as if it came against something that did not move"
+    return Metric("speed_before", speed, "km/h", spread, max(speed - below, 0.0), speed + above, method, note)
+
+
 def _rows(numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
     for name, (unit, method) in _ABOUT.items():
         found = numbers.get(name)
         if found is None or not np.isfinite(found.value):
-            note = "it is not known which way is forward" if found is None else "not reached while the log goes on"
+            why = (
+                "it is not known which way is forward"
+                if not motion.directed
+                else "an axis that it needs was not measured"
+            )
+            note = why if found is None else "not reached while the log goes on"
             yield Metric(name, None, unit, method=method, note=note)
             continue
         yield Metric(name, found.value, unit, found.sigma, found.low, found.high, method, _budget(found, name))
@@ -222,7 +252,7 @@ def _budget(found: Uncertain, name: str) -> str:
     if name == "pdof":
         notes.insert(0, f"{severity.clock(np.radians(found.value))} o'clock")
     if name == "time_of_max" and found.high >= _OLDEST_DELTA_V_S:
-        notes.insert(0, f"the end of the {1e3 * _OLDEST_DELTA_V_S:.0f} ms looked at: the delta-V may still grow")
+        notes.insert(0, f"perhaps behind the {1e3 * _OLDEST_DELTA_V_S:.0f} ms looked at: the delta-V may still grow")
     if found.clipped:
         notes.insert(0, "clipped: as recorded, the interval holds what was cut off")
     return "; ".join(notes)
@@ -258,6 +288,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
+        version=2,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -4,7 +4,7 @@ says.
 Elements, units, resolutions and times are those of 49 CFR part 563 (see recon.edr): the speed before time zero, 5 s at
 2 Hz or, by the coming rule, 20 s at 10 Hz; delta-V at 100 Hz to 250 ms or 30 ms after the end of the event; its maxima.
 Values are rounded as the regulation does, sigmas are not; they carry what those of analyzer.crash carry. What an IMU
-cannot know, as the brake's switch, is left out.
+cannot know, as the brake's switch, is left out, and so is what lies along an axis that was not measured.
 
 Time zero of a recorder is its own: tables are laid side by side by the time from it. GNSS lags, by the delay that the
 fuser found; within half a second of the impact a receiver smears what it did, so the speed before is compared up to
@@ -63,6 +63,7 @@ from recon_analyzers._pulse import NEEDS, Known, PulseParams, motion_of, pulse_a
 
 _SAE: Final = np.array([1.0, -1.0, -1.0])
 """ISO 8855 to SAE J1698."""
+_DELTA_V: Final = (DELTA_V_LONG, DELTA_V_LAT)
 
 
 class EdrParams(PulseParams):
@@ -140,13 +141,14 @@ def _after(pulse: Pulse, known: Known, number: int, zero_ns: int, end_ns: int) -
     told = propagate(pulse, known.doubt(pulse, zero_ns), measures)
     force = channel_class(pulse.accel, 60, 1.0 / pulse.step_s)[pulse.lead :] * _SAE / STANDARD_GRAVITY
     own_s = np.arange(len(force)) * pulse.step_s
+    axes = [i for i, axis in enumerate("xyz") if f"accel_{axis}" not in known.motion.unmeasured]
     rows: Rows = []
     for i, t in enumerate(t_s.tolist()):
-        gained = [(element, told[f"{element.name} {i}"]) for element in (DELTA_V_LONG, DELTA_V_LAT)]
+        gained = [(_DELTA_V[axis], told[f"{_DELTA_V[axis].name} {i}"]) for axis in axes if axis < len(_DELTA_V)]
         rows += [_row(number, t, element, found.value, found.sigma) for element, found in gained]
-        felt = [float(np.interp(t, own_s, axis)) for axis in force.T]
-        rows += [_row(number, t, element, value) for element, value in zip(ACCELERATIONS, felt, strict=True)]
-    return rows, [m for name in ("longitudinal", "lateral", "resultant") for m in _maximum(told, name, number)]
+        rows += [_row(number, t, ACCELERATIONS[axis], float(np.interp(t, own_s, force[:, axis]))) for axis in axes]
+    names = [name for axis, name in enumerate(("longitudinal", "lateral", "resultant")) if axis in axes or axis == 2]
+    return rows, [metric for name in names for metric in _maximum(told, name, number)]
 
 
 def _elements(accel: Array, yaw_rate: Array, *, pulse: Pulse, t_s: Array, longest_s: float) -> dict[str, Array]:
@@ -154,7 +156,7 @@ def _elements(accel: Array, yaw_rate: Array, *, pulse: Pulse, t_s: Array, longes
     gained = 3.6 * severity.integral(accel[:, pulse.lead :, :2], pulse.step_s) * _SAE[:2]
     own_s = np.arange(gained.shape[1]) * pulse.step_s
     found: dict[str, Array] = {}
-    for axis, element in enumerate((DELTA_V_LONG, DELTA_V_LAT)):
+    for axis, element in enumerate(_DELTA_V):
         at = np.stack([np.interp(t_s, own_s, one) for one in gained[..., axis]])
         found |= {f"{element.name} {i}": at[:, i] for i in range(len(t_s))}
     within = gained[:, : round(longest_s / pulse.step_s) + 1]

@@ -208,8 +208,8 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
     hit = [e for e in clips if any(c.start_ns <= e.end_ns and e.start_ns <= c.end_ns for c in crashes)]
     if hit:
         yield warning(
-            f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} places "
-            "during a crash: its size has bounds only"
+            f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} "
+            f"place{'s' * (len(hit) > 1)} during a crash: its size has bounds only"
         )
 
 

@@ -145,7 +145,9 @@ def _numbers(rows: Mapping[str, Json]) -> str:
 
 def _others(facts: Json) -> str:
     """All impacts, where there are several."""
-    impacts: list[dict[str, Any]] = [row for row in facts["events"] if row["kind"] == "impact"]
+    impacts: list[dict[str, Any]] = [
+        row for row in facts["events"] if row["kind"] == "impact" and row["value"] is not None
+    ]
     if len(impacts) < 2:
         return ""
     rows = ((number(row["t_s"], 0.01), number(row["value"]), escape(row["note"] or "")) for row in impacts)

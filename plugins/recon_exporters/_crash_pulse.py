@@ -16,7 +16,7 @@ from recon.numerics.channel_class import channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
 from recon.numerics.signals import median_rate
-from recon.tables import Array, has, matrix, time_ns
+from recon.tables import Array, has, measured_axes, schema_of, time_ns
 from recon_exporters._chart import Span, Window, figure
 from recon_exporters._panels import Curve, Panel
 
@@ -30,45 +30,54 @@ _NAMES: Final = (("forward", "x"), ("to the left", "y"))
 
 
 def pulse_charts(streams: Mapping[str, pa.Table], crash: Span, spans: list[Span]) -> str:
-    """Figures of the pulse; "" where no trajectory tells its acceleration."""
-    trajectory = streams.get("trajectory")
-    if trajectory is None or not has(trajectory, "accel"):
+    """Figures of the pulse; "" where nothing tells the acceleration of the vehicle along its own axes."""
+    felt = _felt(streams)
+    if felt is None:
         return ""
     window = Window(crash.start_ns - BEFORE_NS, crash.start_ns + AFTER_NS, crash.start_ns)
     shown = [span for span in spans if span.kind in ("crash", "saturation")]
-    return "".join(figure(panel, window, shown, _GAP_S) for panel in _panels(trajectory, crash.start_ns))
+    return "".join(figure(panel, window, shown, _GAP_S) for panel in _panels(felt, crash.start_ns))
 
 
-def _panels(trajectory: pa.Table, zero_ns: int) -> Iterator[Panel]:
-    t_ns, accel = _around(trajectory, zero_ns)
+def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
+    """The trajectory where it has accelerations, else an imu that was turned into the vehicle."""
+    trajectory, imu = streams.get("trajectory"), streams.get("imu")
+    if trajectory is not None and has(trajectory, "accel"):
+        return trajectory
+    turned = imu is not None and has(imu, "accel_x") and schema_of(imu)["accel_x"].frame == "vehicle"
+    return imu if turned else None
+
+
+def _panels(felt: pa.Table, zero_ns: int) -> Iterator[Panel]:
+    t_ns, accel, axes = _around(felt, zero_ns)
     if len(t_ns) < 3:
         return
     smooth = channel_class(accel, _CFC, median_rate(t_ns))
     force = [
-        *(Curve(f"{n}, as recorded", f"raw {r}", t_ns, accel[:, i] / STANDARD_GRAVITY) for i, (n, r) in _axes()),
-        *(Curve(f"{n}, CFC {_CFC}", r, t_ns, smooth[:, i] / STANDARD_GRAVITY) for i, (n, r) in _axes()),
+        *(Curve(f"{n}, as recorded", f"raw {r}", t_ns, accel[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
+        *(Curve(f"{n}, CFC {_CFC}", r, t_ns, smooth[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
     ]
     yield Panel("pulse_accel", "Acceleration, time after time zero", "g", "crash", force, levels=(0.0,))
     after = t_ns >= zero_ns
     if after.sum() > 1:
         t_ns, gained = t_ns[after], _gained(t_ns[after], accel[after])
-        curves = [Curve(name, role, t_ns, gained[:, i]) for i, (name, role) in _axes()]
-        curves.append(Curve("horizontal", "reference", t_ns, np.hypot(gained[:, 0], gained[:, 1])))
+        curves = [Curve(name, role, t_ns, gained[:, i]) for i, (name, role) in axes]
+        if len(axes) > 1:
+            curves.append(Curve("horizontal", "reference", t_ns, np.hypot(gained[:, 0], gained[:, 1])))
         yield Panel("pulse_delta_v", "Delta-V, time after time zero", "km/h", "crash", curves, levels=(0.0,))
 
 
-def _axes() -> list[tuple[int, tuple[str, str]]]:
-    return list(enumerate(_NAMES))
+def _around(felt: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array, list[tuple[int, tuple[str, str]]]]:
+    """Times (n,) ns and accelerations (n, 2) m/s^2 of the vehicle, and which axes were measured.
 
-
-def _around(trajectory: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array]:
-    """Times (n,) ns and accelerations (n, 2) m/s^2 of the vehicle, some more than are shown, for the filter's ends."""
-    t_ns = time_ns(trajectory)
+    Some more than is shown, for the filter's ends.
+    """
+    t_ns = time_ns(felt)
     first, last = np.searchsorted(t_ns, [zero_ns - BEFORE_NS - _PADDING_NS, zero_ns + AFTER_NS + _PADDING_NS])
-    part = trajectory.slice(int(first), int(last - first))
-    accel = matrix(part, "accel", gaps=True)[:, :2]
-    known = np.isfinite(accel).all(axis=1)
-    return t_ns[first:last][known], accel[known]
+    accel, unmeasured = measured_axes(felt.slice(int(first), int(last - first)), "accel")
+    known = np.isfinite(accel[:, :2]).all(axis=1)
+    axes = [axis for axis in enumerate(_NAMES) if f"accel_{'xy'[axis[0]]}" not in unmeasured]
+    return t_ns[first:last][known], accel[known, :2], axes
 
 
 def _gained(t_ns: NDArray[np.int64], accel: Array) -> Array:

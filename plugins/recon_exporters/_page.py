@@ -117,8 +117,9 @@ def _metric(name: str) -> str:
 
 def _head(facts: Json) -> str:
     summary, pipeline = facts["summary"], facts["pipeline"] or {}
+    relative = any(stream["facts"].get("clock") == "relative" for stream in facts["streams"].values())
     cells = [
-        ("From", escape(_short(summary["start"]))),
+        ("From", "no date: the log's clock has a zero of its own" if relative else escape(_short(summary["start"]))),
         ("Lasts", f"{number(summary.get('duration', summary['span']))} s"),
     ]
     for key, (title, unit) in _TITLES.items():

@@ -6,11 +6,12 @@ import crash_pulses as pulses
 import numpy as np
 import pytest
 
+from recon.numerics.budget import Uncertain
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
 from recon.rows import warnings_of
 from recon.schema import IMU, Change
 from recon.tables import Array, Streams
-from recon_analyzers.crash import CrashParams, analyze_crash, declare_analyzers
+from recon_analyzers.crash import CrashParams, _speed_of_impact, analyze_crash, declare_analyzers
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
 
@@ -104,3 +105,12 @@ def test_a_drive_without_a_crash_has_no_impact() -> None:
 
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_analyzers()] == [[]]
+
+
+def test_the_speed_before_a_wall_has_the_lopsided_interval_of_a_clipped_delta_v() -> None:
+    """Speeds are delta-V over 1 + e; with e known exactly, so are the ends of the interval."""
+    gained = Uncertain(30.0, 3.0, 29.0, 38.0, {"clipping": 3.0}, True)
+    found = _speed_of_impact(gained, 0.2, 0.0)
+    assert (found.value, found.low, found.high) == pytest.approx((25.0, 29.0 / 1.2, 38.0 / 1.2))
+    wider = _speed_of_impact(gained, 0.2, 0.05)
+    assert wider.low < found.low and wider.high > found.high

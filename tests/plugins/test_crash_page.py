@@ -13,11 +13,12 @@ from handling_drives import START_NS, trajectory_of
 
 from recon import Event, Metric, events, metrics
 from recon.manifest import RunInfo
-from recon.schema import METRICS, by_step
+from recon.schema import IMU, METRICS, by_step
 from recon.tables import build
-from recon_exporters._chart import COLUMNS, ROWS
+from recon_exporters._chart import COLUMNS, ROWS, Span
 from recon_exporters._crash_drawing import Moment, time_line, vehicle
 from recon_exporters._crash_page import _TITLES
+from recon_exporters._crash_pulse import pulse_charts
 from recon_exporters.report import ReportParams, report
 
 G = 9.80665
@@ -215,3 +216,20 @@ def test_a_browser_shows_it_without_complaint(tmp_path):
     text, console = opened(tmp_path / "report.html", tmp_path / "profile")
     assert console == []
     assert "The crash" in text
+
+
+# --- a test in which nobody drove -----------------------------------------------------------------------------------
+
+
+def test_the_pulse_of_an_imu_that_was_turned_into_the_vehicle_is_drawn_without_axes_that_nobody_measured():
+    """Crash tests have accelerometers along the car and no trajectory."""
+    t_s = 0.001 * np.arange(400)
+    accel = np.zeros((400, 3))
+    accel[100:200, 0], accel[:, 1] = -PEAK, np.nan
+    schema = IMU.only("accel", frame="vehicle")
+    imu = build(schema, time=START_NS + np.arange(400) * 1_000_000, accel=accel)
+    crash = Span(START_NS + 100_000_000, START_NS + 200_000_000, "crash")
+    drawn = pulse_charts({"imu": imu}, crash, [crash])
+    assert "forward, CFC 60" in drawn
+    assert "to the left" not in drawn
+    assert pulse_charts({"imu": build(IMU.only("accel"), time=START_NS + np.arange(400), accel=accel)}, crash, []) == ""
