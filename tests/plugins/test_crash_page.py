@@ -223,7 +223,6 @@ def test_a_browser_shows_it_without_complaint(tmp_path):
 
 def test_the_pulse_of_an_imu_that_was_turned_into_the_vehicle_is_drawn_without_axes_that_nobody_measured():
     """Crash tests have accelerometers along the car and no trajectory."""
-    t_s = 0.001 * np.arange(400)
     accel = np.zeros((400, 3))
     accel[100:200, 0], accel[:, 1] = -PEAK, np.nan
     schema = IMU.only("accel", frame="vehicle")
