@@ -40,11 +40,11 @@ def batch(
     from recon.registry import Registry
 
     fleet = driver.load(file, Registry.installed(), executor)
+    _warn(fleet)
     if dry_run:
         planned = _planned(fleet, only, verify=verify)
         console.write_json(planned) if as_json else console.write(_planned_text(planned))
         return
-    _warn(fleet)
     try:
         with progress(as_json=log_json) as told:
             report = driver.run(fleet, told, only=only, verify=verify)
@@ -58,6 +58,10 @@ def batch(
 
 
 def _warn(fleet: Fleet) -> None:
+    foreign = sorted(set(fleet.batch.vehicles) - set(fleet.drives.vehicles))
+    for name in foreign[:MOST_LISTED]:
+        where = fleet.batch.root.at(["vehicles", name]).where
+        console.write_error(f"{where}: warning: no input is of the vehicle '{name}'")
     if not fleet.executor.isolates and (fleet.batch.timeout is not None or fleet.batch.memory is not None):
         console.write_error(f"warning: {fleet.executor.key} keeps neither the timeout nor the memory limit")
 
@@ -73,7 +77,7 @@ def _planned(fleet: Fleet, only: str, *, verify: bool) -> dict[str, Any]:
         "pipeline": fleet.pipeline.name,
         "executor": fleet.executor.key,
         "output": str(fleet.root.place),
-        "vehicles": len({drive.vehicle for drive in drives}),
+        "vehicles": len(drives.vehicles),
         "done_before": len(drives) - len(todo),
         "to_do": [{"job": drive.key, "input": str(drive.place)} for drive in todo],
     }

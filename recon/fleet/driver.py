@@ -246,7 +246,7 @@ def chosen(fleet: Fleet, only: str) -> Drives:
         return fleet.drives
     found = fleet.drives.where([drive.vehicle == only for drive in fleet.drives])
     if not len(found):
-        known = ", ".join(sorted({drive.vehicle for drive in fleet.drives})[:20])
+        known = ", ".join(fleet.drives.vehicles[:20])
         raise ConfigError([Problem(None, "bad-option", f"no input is of the vehicle '{only}'", f"there are {known}")])
     return found
 

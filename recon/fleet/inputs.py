@@ -80,6 +80,18 @@ class Drives:
         for batch in self._table.to_batches(_CHUNK):
             yield from map(_drive, batch.to_pylist())
 
+    @property
+    def vehicles(self) -> list[str]:
+        """Their names, sorted."""
+        return sorted(self._table["vehicle"].unique().to_pylist())
+
+    def below(self, place: Place) -> Drives:
+        """Those whose input lies in a folder."""
+        import pyarrow.compute as pc  # slow import: only when used
+
+        inside = pc.starts_with(self._table["path"], f"{place.path.rstrip('/')}/")
+        return Drives(self._table.filter(pc.and_(inside, pc.equal(self._table["head"], place.head))))
+
     def where(self, mask: Sequence[bool]) -> Drives:
         """Those for which the mask, of the same length, is true."""
         return Drives(self._table.filter(pa.array(mask, pa.bool_())))
@@ -102,7 +114,7 @@ def _encoded(name: str) -> str:
 
 def find(batch: BatchFile) -> Drives:
     """Every drive, in the order of the file. Raises ConfigError with all problems: what matches nothing, cannot be
-    listed, or gives two files one name.
+    listed, gives two files one name, or lies in the output.
     """
     parts: list[Drives] = []
     problems: list[Problem] = []
@@ -123,7 +135,7 @@ def find(batch: BatchFile) -> Drives:
             problems.append(
                 Problem(where, "no-input", without_query(text), "paths are relative to the folder of the batch file")
             )
-    problems += _doubles(parts, batch)
+    problems += [*_doubles(parts, batch), *_own_results(parts, batch)]
     if problems:
         raise ConfigError(problems)
     return Drives.of(chain.from_iterable(parts))
@@ -199,6 +211,15 @@ def _stamps(places: Sequence[Place]) -> list[Stamp | None]:
     infos = places[0].filesystem.get_file_info([place.path for place in places]) if places else []
     folder = fs.FileType.Directory
     return [stamp(place) if info.type == folder else stamp_of(info) for place, info in zip(places, infos, strict=True)]
+
+
+def _own_results(parts: Sequence[Drives], batch: BatchFile) -> Iterator[Problem]:
+    """Inputs that lie in the output, whose results would be drives of the next batch."""
+    output = Place.of(batch.output, batch.folder)
+    where = batch.root.at(["output"]).where
+    for drive in islice(chain.from_iterable(part.below(output) for part in parts), 1):
+        text = f"the input {drive.place} lies in the output"
+        yield Problem(where, "output-is-input", text, "write the name of a folder of its own")
 
 
 def _doubles(parts: Sequence[Drives], batch: BatchFile) -> list[Problem]:

@@ -152,6 +152,21 @@ def test_a_name_that_no_folder_can_have_is_told_before_the_first_job(
     assert not (small.parent / "results").exists()
 
 
+def test_inputs_in_the_output_are_refused(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small.write_text(small.read_text(encoding="utf-8").replace("output: results", "output: logs"), encoding="utf-8")
+    assert main(["batch", str(small), "--dry-run"]) == 2
+    said = capsys.readouterr().err
+    assert "batch.yaml:5:9: error: the input " in said
+    assert "logs/A12/d0.txt lies in the output" in said
+
+
+def test_what_is_set_for_a_vehicle_that_has_no_drive_is_told(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with small.open("a", encoding="utf-8") as file:
+        file.write("vehicles:\n  A21: {reader.trouble: {rows: 60}}\n")
+    assert main(["batch", str(small), "--dry-run"]) == 0
+    assert "batch.yaml:8:8: warning: no input is of the vehicle 'A21'" in capsys.readouterr().err
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 def test_a_name_that_is_not_utf_8_is_told(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path(os.fsdecode(os.fsencode(small.parent / "logs/A12") + b"/caf\xe9.txt")).write_text("good 1", encoding="utf-8")
