@@ -102,8 +102,8 @@ def test_a_drive_that_is_run_again_changes_neither_the_result_nor_the_file(tmp_p
     assert first[1] == second[1]
 
 
-OTHER = '{"recon_gyro_calibration": 2, "drives": {}}'
-BROKEN = '{"recon_gyro_calibration": 1, "drives": {"0": {"powers": [[1]], "offsets": []}}}'
+OTHER = '{"recon_gyro_calibration": 1, "drives": {}}'
+BROKEN = '{"recon_gyro_calibration": 2, "drives": {"0": {"terms": [[1]], "offsets": []}}}'
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", OTHER, BROKEN])
@@ -138,3 +138,19 @@ def test_on_a_simulated_drive_less_of_the_bias_is_left() -> None:
 
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_filters()] == [[]]
+
+
+def test_hysteresis_is_met_where_the_sensor_follows_its_thermometer_late() -> None:
+    kelvin = 12.0 * np.sin(2.0 * np.pi * T_S / 400.0)
+    rate, lag_s = 2.0 * np.pi / 400.0, 120.0  # what follows a sine, and how it settles, in closed form
+    size, late = 1.0 / np.hypot(1.0, rate * lag_s), np.arctan(rate * lag_s)
+    follows = 12.0 * size * (np.sin(rate * T_S - late) + np.sin(late) * np.exp(-T_S / lag_s))
+    gyro = np.radians(0.3) + SLOPE * follows[:, None]
+    spans = [(at, at + 10.0) for at in np.arange(0.0, 590.0, 40.0).tolist()]
+    errors = {
+        model: np.abs(left(gyro, spans, kelvin + REFERENCE_K, model=model, thermal_lag=lag_s, between="constant")).max()
+        for model in ("quadratic", "hysteresis")
+    }
+    # the thermometer is averaged over 10 s, in which the sine bends by 12 (rate 10)^2 / 24 K: 0.01 K times 0.03 deg/s/K
+    assert errors["hysteresis"] < 0.01
+    assert errors["hysteresis"] < 0.1 * errors["quadratic"]
