@@ -1,6 +1,6 @@
 """What filter.gyro_temperature gains over filter.gyro_offset on simulated drives with a gyroscope that warms up.
 
-    python tests/benchmarks/gyro_temperature.py [SEEDS] [map]
+    python tests/benchmarks/gyro_temperature.py [SEEDS] [map] [hysteresis]
 
 Each seed is a device with slopes and curvatures of its own (sigma 0.02 deg/s/K and 0.0003 deg/s/K^2 on each axis),
 driven for 20 minutes on country roads, IMU `consumer_mems`. It starts at 5 to 20 degC and warms up by 15 to 30 K with 8
@@ -11,6 +11,9 @@ what is left of the bias in motion, rms over the three axes.
 With the word `map` it is fuser.map that takes the drive, with an outage of 60 s each five minutes: alone, whose bias
 walks, and behind the filter with the device's calibration, so that the bias is the model's and walks about it. The
 errors are then what the outages add to the place, m, and that of the heading throughout, deg.
+
+With the word `hysteresis` the gyroscope follows the thermometer with 300 s, and the models are those of filter.
+gyro_temperature from the stops of the drive.
 """
 
 from __future__ import annotations
@@ -34,12 +37,16 @@ from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
 
 SEEDS = 12
+LAG_S = 300.0
 METHODS = ("gyro_offset", "linear", "quadratic", "first stop", "remembered")
 AGAINST = {"linear": "gyro_offset", "quadratic": "gyro_offset", "remembered": "first stop"}
 
 
-def warmed(seed: int, number: int, duration_s: float, **more: Any) -> tuple[Any, Array]:
-    """The streams, imu with temperature, and the true bias (n, 3) rad/s of the drive of this number of a device."""
+def warmed(seed: int, number: int, duration_s: float, late: bool = False, **more: Any) -> tuple[Any, Array]:
+    """The streams, imu with temperature, and the true bias (n, 3) rad/s of the drive of this number of a device.
+
+    late : the gyroscope follows the thermometer with LAG_S
+    """
     device, rng = np.random.default_rng(seed), np.random.default_rng((seed, number))
     slope, bend = np.radians(device.normal(0.0, 0.02, 3)), np.radians(device.normal(0.0, 0.0003, 3))
     made = simulate_drive(
@@ -58,7 +65,8 @@ def warmed(seed: int, number: int, duration_s: float, **more: Any) -> tuple[Any,
     t_s = seconds(imu)
     cold, rise, time_s = rng.uniform(5.0, 20.0), rng.uniform(15.0, 30.0), rng.uniform(480.0, 900.0)
     celsius = cold + rise * -np.expm1(-t_s / time_s)
-    above = (celsius - (REFERENCE_K - 273.15))[:, None]
+    inside = cold + rise * (1.0 - (time_s * np.exp(-t_s / time_s) - LAG_S * np.exp(-t_s / LAG_S)) / (time_s - LAG_S))
+    above = ((inside if late else celsius) - (REFERENCE_K - 273.15))[:, None]
     moved = slope * above + bend * above**2
     seen = np.round((celsius + rng.normal(0.0, 0.2, len(t_s))) / 0.25) * 0.25
     imu = replace(imu, gyro=matrix(imu, "gyro") + moved, temperature=seen + 273.15)
@@ -70,9 +78,9 @@ def stops(made: Any) -> Any:
     return standstill_speed(gnss=made["gnss"], imu=None, params=StandstillSpeedParams())["events"]
 
 
-def warm_drive(seed: int, number: int, duration_s: float) -> tuple[Any, Any, Array]:
+def warm_drive(seed: int, number: int, duration_s: float, late: bool = False) -> tuple[Any, Any, Array]:
     """imu with temperature, events, and the true bias (n, 3) rad/s in motion."""
-    made, bias = warmed(seed, number, duration_s)
+    made, bias = warmed(seed, number, duration_s, late)
     still = np.linalg.norm(matrix(made["reference"], "vel"), axis=1) < 0.1
     return made["imu"], stops(made), np.where(still[:, None], np.nan, bias)
 
@@ -113,6 +121,20 @@ def case(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
     found["first stop"] = gyro_offset(imu=imu, events=first, params=GyroOffsetParams())
     with tempfile.TemporaryDirectory() as folder:
         found["remembered"] = gyro_temperature(imu=imu, events=first, params=learnt(seed, duration_s, folder))
+    return _errors(imu, bias, found)
+
+
+def late_case(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
+    """Error of the bias by model, deg/s, where the gyroscope is not as warm as its thermometer."""
+    imu, events, bias = warm_drive(seed, 2, duration_s, late=True)
+    found = {
+        model: gyro_temperature(imu=imu, events=events, params=GyroTemperatureParams(model=model))
+        for model in ("quadratic", "hysteresis")
+    }
+    return _errors(imu, bias, found)
+
+
+def _errors(imu: Any, bias: Array, found: dict[str, Any]) -> dict[str, float]:
     taken_off = {name: matrix(imu, "gyro") - matrix(streams["imu"], "gyro") for name, streams in found.items()}
     return {name: float(np.degrees(np.sqrt(np.nanmean((off - bias) ** 2)))) for name, off in taken_off.items()}
 
@@ -138,12 +160,14 @@ def main() -> None:
     if "map" in words:
         _print_mapped(seeds)
         return
-    cases = [case(seed) for seed in seeds]
-    print("seed " + " ".join(f"{name:>12s}" for name in METHODS) + "    deg/s")
+    late = "hysteresis" in words
+    cases = [(late_case if late else case)(seed) for seed in seeds]
+    methods, against = (("quadratic", "hysteresis"), {"hysteresis": "quadratic"}) if late else (METHODS, AGAINST)
+    print("seed " + " ".join(f"{name:>12s}" for name in methods) + "    deg/s")
     for seed, errors in enumerate(cases):
-        print(f"{seed:4d} " + " ".join(f"{errors[name]:12.4f}" for name in METHODS))
-    print("all  " + " ".join(f"{np.median([errors[name] for errors in cases]):12.4f}" for name in METHODS))
-    for name, without in AGAINST.items():
+        print(f"{seed:4d} " + " ".join(f"{errors[name]:12.4f}" for name in methods))
+    print("all  " + " ".join(f"{np.median([errors[name] for errors in cases]):12.4f}" for name in methods))
+    for name, without in against.items():
         print(
             f"{name} better than {without}: {sum(errors[name] < errors[without] for errors in cases)} of {len(cases)}"
         )
