@@ -151,7 +151,7 @@ def _gnss_facts(row: pa.Table) -> dict[str, Any]:
 
     east, north = known("pos_std_e"), known("pos_std_n")
     return {
-        "time": row["time"][0].as_py().isoformat(),
+        "time": row["time"][0].as_py().isoformat(timespec="milliseconds"),
         "lat": known("lat"),
         "lon": known("lon"),
         "height_m": known("height"),
@@ -171,7 +171,7 @@ def _facts(row: pa.Table) -> dict[str, Any]:
 
     sigma = matrix(row, "pos_std", gaps=True)[0]
     return {
-        "time": row["time"][0].as_py().isoformat(),
+        "time": row["time"][0].as_py().isoformat(timespec="milliseconds"),
         "lat": known(float(vector(row, "lat", gaps=True)[0])),
         "lon": known(float(vector(row, "lon", gaps=True)[0])),
         "height_m": known(float(vector(row, "height", gaps=True)[0])),
@@ -183,7 +183,7 @@ def _facts(row: pa.Table) -> dict[str, Any]:
 
 
 def _line(facts: dict[str, Any]) -> str:
-    parts = [facts["time"][:23]]
+    parts = [facts["time"].partition("+")[0]]
     if facts["lat"] is not None and facts["lon"] is not None:
         parts.append(f"{facts['lat']:.7f} {facts['lon']:.7f}")
     if facts["speed_m_s"] is not None:

@@ -152,7 +152,8 @@ class Session:
         lines = "1 line" if len(self.bad) == 1 else f"{len(self.bad)} lines"
         unread = [f"{lines} that could not be read left out, the first: {self.bad[0]}"] if self.bad else []
         more = f" ({len(self.clock.wrong) - 1} more of this kind)" if len(self.clock.wrong) > 1 else ""
-        return unread + [f"{note}{more}" for note in self.clock.wrong[:1]]
+        broken = [f"{self.source.name} broke off: {self.source.broken}"] if self.source.broken else []
+        return unread + [f"{note}{more}" for note in self.clock.wrong[:1]] + broken
 
     def _take(self, piece: bytes) -> Iterator[Streams]:
         read, begins = self._read(piece), self._pieces.begins

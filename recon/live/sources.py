@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import socket
 import sys
@@ -24,10 +25,11 @@ _MOST: Final = 1 << 22
 
 
 class ByteSource(Protocol):
-    """Bytes as they come. name : for messages; ended : will there be no more?"""
+    """Bytes as they come. name : for messages; ended : will there be no more?; broken : why, where nobody meant it"""
 
     name: str
     ended: bool
+    broken: str
 
     def take(self) -> bytes:
         """What has come since; b"" where nothing has."""
@@ -52,7 +54,7 @@ def open_source(where: str, offset: int = 0) -> ByteSource:
 
 
 class GrowingFile:
-    """A file that another program appends to. It never ends by itself."""
+    """A file that another program appends to."""
 
     def __init__(self, path: Path, offset: int = 0) -> None:
         try:
@@ -60,11 +62,14 @@ class GrowingFile:
         except OSError as error:
             raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
         self._file.seek(offset)
-        self.name, self.ended = str(path), False
+        self.name, self.ended, self.broken = str(path), False, ""
 
     def take(self) -> bytes:
-        """What was appended since."""
-        return self._file.read(_MOST)
+        """What was appended since; it ends where the file has become shorter, for its rows are others then."""
+        data = self._file.read(_MOST)
+        if not data and os.fstat(self._file.fileno()).st_size < self._file.tell():
+            self.ended, self.broken = True, "the file was begun anew"
+        return data
 
     def close(self) -> None:
         """Close the file."""
@@ -75,7 +80,8 @@ class Pipe:
     """Bytes that block until they come, read by a thread of its own. read : up to so many bytes, b"" at the end."""
 
     def __init__(self, name: str, read: Callable[[int], bytes], close: Callable[[], None]) -> None:
-        self.name, self.ended, self._close = name, False, close
+        self.name, self.ended, self.broken, self._close = name, False, "", close
+        self._left = False
         self._come: queue.Queue[bytes] = queue.Queue(maxsize=64)
         threading.Thread(target=self._follow, args=(read,), daemon=True).start()
 
@@ -84,8 +90,9 @@ class Pipe:
         while data:
             try:
                 data = read(1 << 16)
-            except OSError:
+            except OSError as error:
                 data = b""
+                self.broken = "" if self._left else error.strerror or str(error)
             self._come.put(data)
 
     def take(self) -> bytes:
@@ -98,6 +105,7 @@ class Pipe:
 
     def close(self) -> None:
         """Leave it."""
+        self._left = True
         self._close()
 
 

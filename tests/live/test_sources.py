@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import socket
+import struct
+import sys
 import time
 
 import pytest
 
 from recon.errors import ConfigError, ReadFailed
 from recon.live.sources import open_source
+
+_LINGER = "hh" if sys.platform == "win32" else "ii"
 
 
 def all_of(source, seconds=5.0):
@@ -40,6 +44,19 @@ def test_a_file_is_read_from_an_offset(tmp_path):
     source.close()
 
 
+def test_a_file_that_is_begun_anew_ends_and_says_so(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_bytes(b"one\ntwo\n")
+    source = open_source(str(path))
+    source.take()
+    assert not source.ended
+    path.write_bytes(b"1\n")
+    assert source.take() == b""
+    assert source.ended
+    assert source.broken == "the file was begun anew"
+    source.close()
+
+
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path):
     with pytest.raises(ReadFailed, match="it cannot be read: No such file"):
         open_source(str(tmp_path / "none.txt"))
@@ -53,6 +70,23 @@ def test_a_socket_gives_all_until_the_sender_ends():
             line.sendall(b"one\n" * 50_000)
         assert all_of(source) == b"one\n" * 50_000
         assert source.ended
+        assert not source.broken
+        source.close()
+
+
+def test_a_socket_that_breaks_off_says_why():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        source = open_source(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        line, _ = server.accept()
+        line.sendall(b"one\n")
+        until = time.monotonic() + 5.0
+        while not source.take() and time.monotonic() < until:
+            time.sleep(0.01)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack(_LINGER, 1, 0))  # close resets the connection
+        line.close()
+        all_of(source)
+        assert source.ended
+        assert source.broken
         source.close()
 
 
