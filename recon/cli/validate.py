@@ -64,10 +64,11 @@ def _validated(file: str, registry: Registry) -> tuple[str, list[Problem]]:
     try:
         root = load_file(find(file))
         if is_batch(root):
-            from recon import batch
+            from recon.batch import parse
+            from recon.batch_plan import check_batch
 
-            described, problems = batch.parse(root)
-            return f"batch '{described.name}' is valid", problems + batch.check_batch(described, registry)
+            batch, problems = parse(root)
+            return f"batch '{batch.name}' is valid", problems + check_batch(batch, registry)
         pipeline, problems = validate_pipeline(root, registry)
         return f"pipeline '{pipeline.name}' is valid, {len(pipeline.steps)} steps", problems
     except ConfigError as error:

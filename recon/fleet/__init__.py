@@ -5,6 +5,7 @@
     drive_job    one drive through the pipeline: the picklable unit of work
     root         the folder of all results: how a result becomes whole, what is there
     lock         one batch at a time on one root
+    flight       one pass of an executor over drives
     driver       drives -> jobs -> executor -> outcomes; what need not be done again
     compacted    jobs.parquet, events.parquet, metrics.parquet as they are: what need not be read again
     compaction   all results -> jobs.parquet, events.parquet, metrics.parquet

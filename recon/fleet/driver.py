@@ -6,7 +6,7 @@ What is done is read off the results alone, so that a batch which was ended in a
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -17,11 +17,13 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final, TypeAlias
 
 import recon
-from recon.batch import BatchFile, parse, plan_batch
+from recon.batch import BatchFile, parse
+from recon.batch_plan import plan_batch
 from recon.errors import ConfigError
 from recon.fleet.compacted import Index, failed_before, read_index
 from recon.fleet.compaction import Failure, compact
 from recon.fleet.drive_job import DriveJob, is_made_of, made_how, made_of
+from recon.fleet.flight import Ended, Flight
 from recon.fleet.inputs import Drive, Drives, find
 from recon.fleet.places import Place, Stamp, fetch
 from recon.fleet.root import Root, root_of
@@ -103,7 +105,6 @@ class State:
     outcome: Outcome | None = None
 
 
-Ended: TypeAlias = Generator[tuple[Drive, Outcome], None, None]
 Told: TypeAlias = Callable[[State], None]
 
 
@@ -251,12 +252,12 @@ def chosen(fleet: Fleet, only: str) -> Drives:
     return found
 
 
-def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Generator[tuple[Drive, Outcome], None, None]:
+def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Ended:
     """The last outcome of each drive: what may go well another time is tried again, after all others."""
     ended, failed, total = 0, 0, len(todo)
     for tries_left in range(fleet.batch.retries, -1, -1):
         again: list[Drive] = []
-        flight = _Flight(fleet, todo)
+        flight = Flight(fleet.executor, fleet.executor_params, todo, fleet.job)
         with closing(flight.outcomes()) as outcomes:
             for drive, outcome in outcomes:
                 if tries_left and outcome.code in AGAIN:
@@ -269,32 +270,3 @@ def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Generator[tu
         if not again:
             return
         todo = Drives.of(again)
-
-
-class _Flight:
-    """One pass of an executor over drives. out : by key, those that it has taken and not yet answered for."""
-
-    def __init__(self, fleet: Fleet, drives: Drives) -> None:
-        self._fleet = fleet
-        self._drives = drives
-        self.out: dict[str, Drive] = {}
-
-    def outcomes(self) -> Ended:
-        """Each drive with its outcome; one that the executor never answers for counts as lost."""
-        results: Iterator[Outcome] = self._fleet.executor.run(jobs=self._jobs(), params=self._fleet.executor_params)
-        try:
-            for outcome in results:
-                drive = self.out.pop(outcome.job, None)
-                if drive is not None:  # answered twice: the first answer counts
-                    yield drive, outcome
-        finally:
-            if isinstance(results, Generator):
-                results.close()
-        for drive in list(self.out.values()):
-            text = f"{self._fleet.executor.key} did not say what became of it"
-            yield self.out.pop(drive.key), self._fleet.job(drive).lost(FAULT, text)
-
-    def _jobs(self) -> Iterator[DriveJob]:
-        for drive in self._drives:
-            self.out[drive.key] = drive
-            yield self._fleet.job(drive)

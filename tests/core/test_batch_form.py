@@ -9,7 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from recon.batch import BatchFile, Inputs, check_batch, parse
+from recon.batch import BatchFile, Inputs, parse
+from recon.batch_plan import check_batch
 from recon.parameters import Params, quantity, setting
 from recon.registry import Registry
 from recon.schema import IMU, SAME

@@ -20,8 +20,8 @@ import pyarrow.parquet
 import recon
 from recon import GNSS, IMU, Metric, Pipeline, Recording, Registry, build, events, metrics
 from recon.api import execute
-from recon.batch import check_batch
 from recon.batch import parse as parse_batch
+from recon.batch_plan import check_batch
 from recon.errors import ConfigError
 from recon.form import is_batch
 from recon.overrides import Override
