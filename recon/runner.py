@@ -136,7 +136,11 @@ def _from_source(
 
 def read_one(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted = EVERYTHING) -> Recording:
     """The streams of one file or folder, checked and stamped. Raises ReadFailed, DataError, StageError."""
-    if not path.exists():
+    try:
+        there = path.exists()
+    except OSError as error:  # such as a name that is too long
+        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+    if not there:
         raise ReadFailed(path, "there is no such file or folder")
     if not (path.is_file() or path.is_dir()):
         raise ReadFailed(path, "this is a device or a pipe", hint="save what it gives to a file first")

@@ -17,7 +17,6 @@ from recon_readers._collector import Language
 from recon_readers._mcap_channels import ros_language, unread
 from recon_readers._topics import Channel, Intake
 
-MAGIC: Final = b"SQLite format 3\0"
 _DAMAGED: Final = (sqlite3.Error, UnicodeDecodeError)
 """What SQLite says of a damaged file may itself be damaged text."""
 _AGAIN: Final = "copy it again, or repair it with 'sqlite3 FILE .recover'"

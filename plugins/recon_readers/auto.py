@@ -6,6 +6,7 @@ noted. Where no reader is sure of a file, the one that was given parameters for 
 
 from __future__ import annotations
 
+import codecs
 import json
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
@@ -41,15 +42,19 @@ LOOKED_AT: Final = 20
 _CHECK: Final = "check that it is the right file; 'recon plugins' lists the readers that are installed"
 _PACKED: Final = "unpack it, and name the log in it"
 _PICKLE: Final = "recon never unpickles, for a pickle may run anything: save its arrays as CSV or Parquet"
+_UTF16: Final = "save it as UTF-8; as it is, reader.csv alone reads it: 'recon inspect' proposes a mapping"
 _IMAGE: Final = "name the log; a folder of images may stand behind it: recon run PIPELINE LOG IMAGES"
 _NO_LOGS: Final = {
     b"PK\x03\x04": ("a zip archive", _PACKED),
+    b"PK\x05\x06": ("an empty zip archive", "pack the log again"),
     b"\x1f\x8b": ("packed by gzip", _PACKED),
     b"BZh": ("packed by bzip2", _PACKED),
     b"\xfd7zXZ": ("packed by xz", _PACKED),
     b"7z\xbc\xaf": ("a 7z archive", _PACKED),
     b"\x28\xb5\x2f\xfd": ("packed by zstd", _PACKED),
     b"Rar!": ("a RAR archive", _PACKED),
+    b"\xff\xfe": ("UTF-16 text", _UTF16),
+    b"\xfe\xff": ("UTF-16 text", _UTF16),
     b"\x89PNG": ("a PNG image", _IMAGE),
     b"\xff\xd8\xff": ("a JPEG image", _IMAGE),
     b"\x93NUMPY": ("an array of NumPy", "name the folder of the data set that it is of"),
@@ -144,7 +149,7 @@ def _head(path: Path) -> bytes:
         raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
     if not head:
         raise ReadFailed(path, "the file is empty", hint="check that the log was copied completely")
-    return head
+    return head.removeprefix(codecs.BOM_UTF8) or head
 
 
 def _choose(
@@ -165,12 +170,12 @@ def _choose(
 
 
 def _unknown(path: Path, opinions: list[Opinion], broken: list[str], registry: Registry) -> ReadFailed:
-    """The error where no reader is sure: what those say that have an idea of the file, else what all say."""
+    """The error where no reader is sure: what those say that have an idea of it, else what it is, or what all say."""
     if path.is_dir():
         return _folder(path, registry)
-    lines = _said([one for one in opinions if one.sniff.confidence > 0] or opinions)
     head = _head(path)
     kind, advice = next((told for mark, told in _NO_LOGS.items() if head.startswith(mark)), ("", _CHECK))
+    lines = _said([one for one in opinions if one.sniff.confidence > 0] or ([] if kind else opinions))
     what = f"no reader knows this file{', which is ' * bool(kind)}{kind}"
     return UnknownFormat(path, what, hint="\n  ".join([*lines, *broken, advice]))
 

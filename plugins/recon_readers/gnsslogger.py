@@ -34,7 +34,7 @@ from recon_readers._columns import kept
 from recon_readers._delimited import load
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
-from recon_readers._text_blocks import Text
+from recon_readers._text_blocks import Text, plain
 
 SENSORS: Final = {"accel": ("Accel", 1.0), "gyro": ("Gyro", 1.0), "mag": ("Mag", 1e-6)}
 PROVIDERS: Final = ("GPS", "FLP", "NLP")
@@ -203,7 +203,7 @@ def _place(values: Mapping[str, Array]) -> dict[str, Array]:
 
 def sniff(path: Path, head: bytes) -> Sniff:
     """The comments that name the columns of raw observations and fixes."""
-    start = head.lstrip(b"\xef\xbb\xbf\r\n ")
+    start = plain(head).lstrip()
     if start.startswith(b"#") and re.search(
         rb"(?m)^#\s*(Fix,Provider|Raw,(utcTimeMillis|ElapsedRealtimeMillis)),", start
     ):

@@ -25,6 +25,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, with_meta
+from recon_readers._lines import COPIED
 from recon_readers._streams import Source, stream
 from recon_readers._track_xml import Points, number, parse
 
@@ -83,6 +84,7 @@ def read(path: Path, params: GpxParams) -> Streams:
         what = f"it is damaged here: {reason}" if reason and not track.count else what
         what += f", only {track.others} waypoints and points of routes" if track.others and not track.count else ""
         hint = "a planned route holds no measurement; export the recorded activity with its times"
+        hint = COPIED if reason and not track.count else hint
         raise ReadFailed(path, what, line=line or 1, hint=hint)
     columns = track.points.columns()
     if "course" in columns:

@@ -27,7 +27,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -43,9 +43,11 @@ from recon.units import convert
 from recon_readers._arrays import NS, interleave
 from recon_readers._csv_mapping import Accel, Vector, gnss_facts, schemas
 from recon_readers._mf4_channels import Channels, Stream
-from recon_readers._mf4_file import Measurement, read_channels
 from recon_readers._sensing import described, doubts, plausible, rising
 from recon_readers._time_order import Times
+
+if TYPE_CHECKING:  # it starts processes, and what that needs takes its time
+    from recon_readers._mf4_file import Measurement
 
 _MAGIC: Final = (b"MDF     ", b"UnFinMF ")
 _LOCAL, _OFFSET_VALID = 1, 2
@@ -77,6 +79,8 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
     mappings = list(params.channels.streams()) if params.channels is not None else []
     groups = {m.stream: [g for g in m.sources if wanted.of(m.stream, _names(m, g))] for m in mappings}
     references = {str(r): None for m in mappings for g in groups[m.stream] for r in m.sources[g].references}
+    from recon_readers._mf4_file import read_channels
+
     file = read_channels(path, list(references))
     if params.channels is None:
         hint = "say which is what with --set reader.mf4.channels=@MAPPING.yaml; its channels are\n  "

@@ -22,10 +22,11 @@ from recon.hookspecs import hookimpl
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.storage import store_of
 from recon.tables import Streams
-from recon_readers import _mcap_channels, _rosbag1, _rosbag2
+from recon_readers import _mcap_channels, _rosbag1
 from recon_readers._topics import Intake, TopicParams, writes
 
 METADATA: Final = "metadata.yaml"
+SQLITE: Final = b"SQLite format 3\0"
 _BAG2: Final = b"rosbag2_bagfile_information"
 
 
@@ -34,13 +35,15 @@ def read(path: Path, params: TopicParams, wanted: Wanted = EVERYTHING) -> Stream
 
     Raises ReadFailed, NothingUsable where no topic is one that recon reads, PluginError where a decoder is missing.
     """
+    from recon_readers import _rosbag2  # sqlite3 takes its time
+
     intake = Intake(path, "reader.rosbag", params, wanted)
     for file in _files(path):
         with file.open("rb") as opened:
-            head = opened.read(len(_rosbag2.MAGIC))
+            head = opened.read(len(SQLITE))
         if head.startswith(_rosbag1.MAGIC):
             _rosbag1.Bag(file, intake).take_in()
-        elif head.startswith(_rosbag2.MAGIC):
+        elif head.startswith(SQLITE):
             _rosbag2.take_in(file, intake)
         else:
             _mcap_channels.take_in(file, intake)
@@ -77,7 +80,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
         return Sniff(0.95, "metadata of a ROS 2 bag: its folder is read")
     if head.startswith(_rosbag1.MAGIC):
         return Sniff(0.95, "ROS 1 bag")
-    if not head.startswith(_rosbag2.MAGIC):
+    if not head.startswith(SQLITE):
         return Sniff(0.0, "neither a ROS 1 bag nor SQLite")
     bag = b"messages" in head and b"topics" in head
     return Sniff(0.95, "ROS 2 bag in SQLite") if bag else Sniff(0.0, "SQLite without tables of a ROS 2 bag")

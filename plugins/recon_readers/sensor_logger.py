@@ -96,7 +96,8 @@ def read(path: Path, params: SensorLoggerParams) -> Streams:
     facts = {"time_scale": "UTC", "clock": "absolute", "format": "Sensor Logger"}
     made, told = streams_of(path, sensors, felt, facts, params)
     if not made:
-        hint = "it should hold Accelerometer.csv, Gyroscope.csv, Location.csv, ... with rows"
+        asked = [row.note for row in learnt if row.name == "warning"]
+        hint = "\n  ".join(asked) or "it should hold Accelerometer.csv, Gyroscope.csv, Location.csv, ... with rows"
         raise ReadFailed(path, "no table of Sensor Logger in it holds a measurement", hint=hint)
     return {**made, "metrics": metrics([*learnt, *told])}
 

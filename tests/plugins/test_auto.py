@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 from pathlib import Path
 
 import pytest
 
+import recon
 import recon_readers.auto
 import recon_readers.mcap
 import recon_readers.parquet
@@ -88,7 +90,6 @@ def test_a_file_of_a_known_format_is_refused_in_one_sentence(tmp_path: Path, con
         pytest.param(ROWS.replace("\t", ","), "commas part the columns, not tabs or spaces", id="commas"),
         pytest.param(ROWS.replace("\t", ";"), "semicolons part the columns, not tabs or spaces", id="semicolons"),
         pytest.param(ROWS.replace("\t", "|"), "vertical bars part the columns, not tabs or spaces", id="bars"),
-        pytest.param(ROWS.encode("utf-16"), "this is UTF-16 text: save it as ASCII or UTF-8", id="UTF-16"),
         pytest.param(
             "1" * 70_000, "a row of 1 column, where tabs or spaces part 4, 10 or 14 columns", id="endless row"
         ),
@@ -104,6 +105,34 @@ def test_where_no_reader_has_an_idea_each_tells_why_and_equal_reasons_are_told_o
         f"  reader.physycom: {reason}",
         "  check that it is the right file; 'recon plugins' lists the readers that are installed",
     ]
+
+
+@pytest.mark.parametrize(
+    ("content", "kind", "advice"),
+    [
+        pytest.param(ROWS.encode("utf-16"), "UTF-16 text", "save it as UTF-8", id="UTF-16"),
+        pytest.param(gzip.compress(ROWS.encode()), "packed by gzip", "unpack it", id="gzip"),
+        pytest.param(b"PK\x05\x06" + bytes(18), "an empty zip archive", "pack the log again", id="empty zip"),
+    ],
+)
+def test_what_is_known_not_to_be_a_log_is_told_in_one_sentence(
+    tmp_path: Path, content: bytes, kind: str, advice: str
+) -> None:
+    error = refusal(tmp_path, content)
+    assert error.what == f"no reader knows this file, which is {kind}"
+    assert error.hint.startswith(advice)
+    assert "\n" not in error.hint
+
+
+def test_a_byte_order_mark_hides_no_format(tmp_path: Path) -> None:
+    path = tmp_path / "drive.pos"
+    path.write_text("\ufeff%  UTC  latitude(deg) longitude(deg)  height(m)\n2024/01/01 00:00:00 44.5 11.3 60.0\n")
+    assert recon.read(path)["gnss"].num_rows == 1
+
+
+def test_a_name_that_is_too_long_is_told_in_one_sentence() -> None:
+    with pytest.raises(ReadFailed, match=r"cannot be read|no such file"):
+        recon.read("a" * 300)
 
 
 def test_a_reader_with_an_idea_of_the_file_is_heard_alone(tmp_path: Path) -> None:

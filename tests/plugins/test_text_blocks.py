@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import phone_logs
 import pytest
+from fuzz import log_files
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import recon
 from recon import ReadFailed
-from recon_readers import _nmea_sentences, _text_blocks
+from recon_readers import _nmea_sentences, _novatel_logs, _text_blocks, sbet
 from recon_readers._columns import Columns
 from recon_readers._text_blocks import Text, plain
 
@@ -125,6 +128,47 @@ def test_a_physycom_log_is_read_alike_in_blocks_of_any_size(tmp_path: Path, monk
     for size in (100, 5000):
         monkeypatch.setattr(_text_blocks, "BLOCK", size)
         assert streams(path) == whole
+
+
+FILES = {
+    "vbox": {"drive.vbo": log_files.vbo()},
+    "rtklib": {"drive.pos": log_files.rtklib()},
+    "kf_gins": log_files.kf_gins(),
+    "nhtsa": log_files.nhtsa(),
+    "novatel": {"drive.log": log_files.novatel_ascii()},
+    "novatel, binary": {"drive.pcap": log_files.novatel_packets()},
+    "sbet": {"drive.sbet": log_files.sbet()},
+    "sensor_logger": {name: text.encode() for name, text in phone_logs.sensor_logger(phone_logs.logged()).items()},
+    "phyphox": {name: text.encode() for name, text in phone_logs.phyphox(phone_logs.logged(), ";", ",").items()},
+    "gnsslogger": {"log.txt": phone_logs.gnsslogger(phone_logs.logged()).encode()},
+}
+"""Files of a log by the reader that knows it."""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_log_is_read_alike_in_blocks_of_any_size_also_where_a_line_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Blocks of novatel cannot be smaller than a log of it, those of SBET than its sample is."""
+    for damaged in (False, True):
+        folder, binary = tmp_path / str(damaged), name in ("sbet", "novatel, binary")
+        for file, content in FILES[name].items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            at = content.find(b"\n", 2 * len(content) // 3)
+            torn = content[:at] + b"\nx y z" + content[at:] if damaged and not binary else content
+            (folder / file).write_bytes(torn)
+        path = folder if len(FILES[name]) > 1 else next(folder.iterdir())
+        with monkeypatch.context() as small:
+            whole = recon.read(path)
+            small.setattr(_text_blocks, "BLOCK", 1000)
+            small.setattr(_novatel_logs, "BLOCK", 10_000)
+            small.setattr(sbet, "_stretches", lambda path, count: _in_sevens(path, count))
+            assert dict(recon.read(path).items()) == dict(whole.items())
+
+
+def _in_sevens(path: Path, count: int) -> Iterator[tuple[int, np.ndarray]]:
+    records = np.fromfile(path, dtype="<f8")[: count * 17].reshape(-1, 17)
+    yield from ((min(at + 7, count), records[at : at + 7]) for at in range(0, count, 7))
 
 
 def test_nmea_is_read_alike_in_blocks_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
