@@ -95,7 +95,8 @@ class Log:
     def streams(self, held: str) -> Streams:
         """All streams. Raises NothingUsable, with what the log holds, where there is none."""
         if not self.made:
-            raise NothingUsable(self.path, f"it holds nothing that is read; it holds {held}", hint=_NOTHING)
+            what = "is read" if all(map(self.wants, WRITES)) else "the steps read"
+            raise NothingUsable(self.path, f"it holds nothing that {what}; it holds {held}", hint=_NOTHING)
         if self.offset_ns is None:
             self.learnt.append(warning("nothing in the log tells UTC: times count from the start of the autopilot"))
         return {**self.made, "metrics": metrics([*self.learnt, *doubts(self.made)])}

@@ -102,7 +102,7 @@ def files_of(path: Path) -> Files:
         inside = [each for each in path.iterdir() if not each.name.startswith(".")]
         if len(inside) == 1 and inside[0].is_dir():
             return files_of(inside[0])
-        found = [*path.glob("*"), *path.glob("*/*")]
+        found = [*path.glob("*"), *path.glob("meta/*")]
         return Files(path, tuple(sorted(f.relative_to(path).as_posix() for f in found if f.is_file())))
     if not is_zip(path):
         return Files(path, (path.name,), beside=True)

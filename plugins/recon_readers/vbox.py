@@ -119,6 +119,8 @@ def read(path: Path, params: VboxParams) -> Streams:
     streams = {}
     for name, schema, parts, more in (("gnss", GNSS, gnss, _GNSS_FACTS), ("imu", IMU, imu, {"axes": params.axes})):
         columns = {column: lines.columns.pop((name, column)) for column in parts}
+        if not columns:
+            continue
         made, told = stream(Source(path, name, lines.line), schema, t_ns, ~good, columns)
         learnt += told
         if made is not None:
