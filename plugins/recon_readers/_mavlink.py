@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from recon.tables import Array
@@ -186,7 +187,7 @@ def _gather(
     message = found.wanted[number]
     head = 6 if version == V1 else 10
     data = np.frombuffer(window, dtype=np.uint8)
-    frames = data[at[:, None] + 8 + np.arange(head + length + 2)]
+    frames = sliding_window_view(data, head + length + 2)[at + 8]
     told = frames[:, -2] + 256 * frames[:, -1].astype(np.uint16)
     right = checksum(frames[:, 1 : head + length], message.seed) == told
     found.wrong += int((~right).sum())
@@ -194,7 +195,7 @@ def _gather(
     padded = np.zeros((int(right.sum()), size), dtype=np.uint8)
     taken = min(size, length)
     padded[:, :taken] = frames[right, head : head + taken]
-    received = np.ascontiguousarray(data[at[right][:, None] + np.arange(8)]).view(">u8")[:, 0]
+    received = sliding_window_view(data, 8)[at[right]].view(">u8")[:, 0]
     table = Table(received.astype(np.int64) * 1000, padded.view(message.fields)[:, 0])
     found.parts.setdefault((message.name, system), []).append(table)
 

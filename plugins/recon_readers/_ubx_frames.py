@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 BLOCK: Final = 1 << 23
@@ -194,10 +195,14 @@ def _sort(data: Bytes, starts: Places, lengths: Places, offset: int, found: Mess
     for kind, layout in LAYOUTS.values():
         rows = (kinds == (kind[0] << 8 | kind[1])) & (lengths >= layout.itemsize)
         if rows.any():
-            inside = (starts[rows] + HEAD)[:, None] + np.arange(layout.itemsize)
-            found.add(kind, offset + starts[rows], data[inside])
+            found.add(kind, offset + starts[rows], _bytes_at(data, starts[rows] + HEAD, layout.itemsize))
     for kind in (ESF_MEAS, ESF_RAW):
         own = kinds == (kind[0] << 8 | kind[1])
         for length in np.unique(lengths[own]).tolist():
             rows = own & (lengths == length)
-            found.add(kind, offset + starts[rows], data[(starts[rows] + HEAD)[:, None] + np.arange(length)])
+            found.add(kind, offset + starts[rows], _bytes_at(data, starts[rows] + HEAD, length))
+
+
+def _bytes_at(data: Bytes, places: Places, count: int) -> Bytes:
+    """So many bytes from each place on: (n, count)."""
+    return sliding_window_view(data, count)[places] if count else np.zeros((len(places), 0), dtype=np.uint8)

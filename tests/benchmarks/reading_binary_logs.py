@@ -99,11 +99,11 @@ def write_tlog(path: Path, size: float) -> None:
     with path.open("wb") as file:
         at = 0
         while file.tell() < size:
-            t_us = START_US + at * 20_000
+            t_us = 20_000_000 + at * 20_000
             message = packer.highres_imu_encode(
                 t_us, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3, 0.2, 0.0, 0.4, 1000.0, 0, 0, 20, 63
             )
-            file.write(struct.pack(">Q", t_us) + message.pack(packer))
+            file.write(struct.pack(">Q", START_US + t_us) + message.pack(packer))
             at += 1
 
 
