@@ -10,7 +10,7 @@ What belongs to two drives, or contradicts itself, is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Final
@@ -39,8 +39,10 @@ class _Part:
     files: tuple[str, ...]
 
 
-def combine(recordings: Sequence[Recording]) -> tuple[Recording, list[Metric]]:
+def combine(recordings: Sequence[Recording], read: Collection[str] = ()) -> tuple[Recording, list[Metric]]:
     """One recording of all streams, and what is to be told of it.
+
+    read : names of the streams that are read on purpose, of which nothing is to be told
 
     Streams that cannot be joined keep the order given, the one with more columns first. Raises DataError where two
     hold the same, contradict each other where they overlap, or are more than ten minutes apart.
@@ -58,7 +60,8 @@ def combine(recordings: Sequence[Recording]) -> tuple[Recording, list[Metric]]:
         streams[name] = first.table
         for number, part in enumerate(others, start=2):
             streams[f"{name}_{number}"] = part.table
-            learnt.append(warning(_beside(name, number, part, first)))
+            if f"{name}_{number}" not in read:
+                learnt.append(warning(_beside(name, number, part, first)))
     sources = [source for recording in recordings for source in recording.meta.get("sources", [])]
     return Recording(streams, {"sources": sources} if sources else {}), learnt
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -82,7 +82,8 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
         first, *steps = steps
         progress(0, len(steps) + 1, first.id)
         started = time.perf_counter()
-        recording, returned = _from_source(first, source, registry, plan.wanted())
+        read = {step.step.inputs.get(port, port) for step in steps for port in step.stage.reads}
+        recording, returned = _from_source(first, source, registry, plan.wanted(), read)
         reports.append(_report(first, returned, started))
     plan, problems = settled(plan, registry, recording.schemas())
     _refuse(problems, recording)
@@ -118,14 +119,14 @@ def _as_given(recording: Recording) -> Recording:
 
 
 def _from_source(
-    step: PlannedStep, source: Sequence[Path], registry: Registry, wanted: Wanted
+    step: PlannedStep, source: Sequence[Path], registry: Registry, wanted: Wanted, read: Collection[str]
 ) -> tuple[Recording, Streams]:
     if isinstance(step.stage, Simulator):
         nothing = Recording({})
         parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
     else:
         parts = [read_one(step, path, registry, wanted) for path in source]
-    recording, learnt = combine(parts)
+    recording, learnt = combine(parts, read)
     if learnt:
         rows = _marked(metrics(learnt), "metrics", step.id)
         recording = recording.updated({"metrics": append(recording.get("metrics"), rows)})

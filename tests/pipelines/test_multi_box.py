@@ -43,7 +43,7 @@ def test_what_was_found_of_the_second_box_is_told(drive, result):
     told = {row["name"]: row["value"] for row in result["metrics"].to_pylist()}
     assert abs(told["imu_2_lag"] - drive.lags_s[1]) < 1e-3
     assert {"imu_gyro_share", "imu_2_accel_share"} <= set(told)
-    assert not [note for note in warnings_of(result["metrics"]) if "imu_2" in note and "further sensor" not in note]
+    assert not [note for note in warnings_of(result["metrics"]) if "imu_2" in note]
 
 
 def test_a_box_that_comes_loose_on_the_way_is_placed_by_what_went_before_and_voted_out():
