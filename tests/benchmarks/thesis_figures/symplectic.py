@@ -55,9 +55,8 @@ def symplectic(steps: int) -> tuple[Figure, list[Number]]:
             for axes, (what, error) in zip(rows[:, column], vars(found).items(), strict=True):
                 if error.max() > ROUNDING:
                     largest = np.maximum.accumulate(error[1:])
-                    axes.loglog(
-                        np.arange(1, steps + 1), largest, line, color=color, lw=0.9, label=method.replace("_", " ")
-                    )
+                    label, above = method.replace("_", " "), 2.0 if line == "-" else 3.0  # broken lines show both
+                    axes.loglog(np.arange(1, steps + 1), largest, line, color=color, lw=0.9, label=label, zorder=above)
                 unit = {"attitude": "rad", "position": "m", "energy": ""}[what]
                 numbers.append(Number(f"{name}, {method.replace('_', ' ')}: {what}", float(error.max()), unit))
         rows[0, column].set_title(name)
