@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
+from recon.cli import command
 
-from recon.cli import main
-
-sys.exit(main())
+command()

@@ -14,9 +14,12 @@ Ctrl-C finds it ready.
 
 from __future__ import annotations
 
+import atexit
 import gc
+import os
 import sys
-from typing import TYPE_CHECKING, Final
+from contextlib import suppress
+from typing import TYPE_CHECKING, Final, NoReturn
 
 from recon.cli import _signals as signals
 
@@ -30,6 +33,19 @@ EXIT_PIPE: Final = 141
 _VERBOSE: Final = ("-v", "--verbose")
 _OBJECTS_BETWEEN_COLLECTIONS: Final = 100_000
 """Modules make hundreds of thousands of objects that stay: looking for garbage among them is a tenth of the start."""
+
+
+def command() -> NoReturn:
+    """The command as a process. All is written when `main` returns, so it ends without taking every object apart.
+
+    That takes Python and Arrow 0.2 s for an hour of a drive.
+    """
+    code = main()
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError):  # closed by the caller, or nobody reads it
+            stream.flush()
+    os._exit(code)
 
 
 def main(args: Sequence[str] | None = None) -> int:
