@@ -5,6 +5,7 @@ order, so the last digit of a sum is another one, and a smoother makes 1e-7 of a
 take, by variables of the environment that are read when they are loaded.
 
     portable()                 the arithmetic of every x86-64 processor since 2013, unless NumPy is loaded already
+    threadless()               no threads of OpenBLAS, likewise
     Arithmetic.used()          what computes here: openblas Haswell, NumPy with X86_V2 X86_V3
     arithmetic.environment()   variables of a process that computes like it, as far as the processor can
     one_thread()               linear algebra on one thread, so that a result does not hang on the number of cores
@@ -52,6 +53,14 @@ def portable() -> None:
         newer = tuple(int(part) for part in version("numpy").split(".")[:2]) >= (2, 4)
         os.environ[_KERNEL] = "Haswell"
         os.environ[_WITHOUT] = _AVX512 if newer else _AVX512_BEFORE_2_4
+
+
+def threadless() -> None:
+    """Have OpenBLAS, once it is loaded, start no threads: every step computes on one, and threads that wait for work
+    take 0.1 s of each start. Nothing is done where the environment says how many, or NumPy is loaded already.
+    """
+    if "numpy" not in sys.modules and not any(name in os.environ for name in _THREADS):
+        os.environ[_THREADS[0]] = "1"
 
 
 def _has_avx512() -> bool:
@@ -172,4 +181,5 @@ def one_thread() -> Iterator[None]:
 
 
 def _threads_are_told() -> bool:
-    return any(name in os.environ for name in _THREADS)
+    """By somebody who wants more than the one that is usual here."""
+    return any(os.environ.get(name, "1") != "1" for name in _THREADS)

@@ -69,6 +69,7 @@ def _run(args: Sequence[str]) -> int:
     from recon.cli import _console as console
 
     arithmetic.portable()
+    arithmetic.threadless()
     gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
     console.prepare()
     words, verbose = _without_verbose(args)

@@ -150,3 +150,18 @@ def test_a_step_of_a_pipeline_runs_on_one_thread(untold):
         filter_of(work, writes={"imu": SAME}),
     )
     assert seen == [{1}]
+
+
+@pytest.mark.parametrize(("given", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, 2)])
+def test_a_process_starts_no_threads_of_openblas_unless_it_is_told_to(unchosen, given, threads):
+    if not any(library["internal_api"] == "openblas" for library in threadpool_info()):
+        pytest.skip("NumPy computes with another library than OpenBLAS")
+    if (os.cpu_count() or 1) < threads:
+        pytest.skip("OpenBLAS starts no more threads than there are processors")
+    code = (
+        "from recon import arithmetic; arithmetic.threadless(); import numpy, threadpoolctl;"
+        "print(max(library['num_threads'] for library in threadpoolctl.threadpool_info()))"
+    )
+    command = [sys.executable, "-c", code]
+    told = subprocess.run(command, env=unchosen | given, capture_output=True, text=True, check=True).stdout
+    assert int(told) == threads
