@@ -114,7 +114,11 @@ def _looked_up(raster: Path, lat: Array, lon: Array) -> tuple[Array, Array, Arra
             window = Window(first[1], first[0], count[1], count[0])
             grid = file.read(1, window=window, boundless=True, masked=True).astype(np.float64).filled(np.nan)
     except (RasterioError, OSError) as error:
-        raise DataError(f"{raster} cannot be read as a map of heights: {error}") from error
+        why = str(error) if raster.exists() else "there is no such file"
+        raise DataError(
+            f"{raster} cannot be read as a map of heights: {why}",
+            "name the map of your place by --set filter.terrain.raster=FILE; none is fetched",
+        ) from error
     return _sampled(grid, first, grid_of, lat, lon)
 
 

@@ -91,5 +91,5 @@ def test_a_file_that_is_no_map_is_a_sentence(gnss, tmp_path):
     path.write_text("no map")
     with pytest.raises(DataError, match="cannot be read as a map of heights"):
         terrain(gnss=gnss, params=TerrainParams(raster=str(path)))
-    with pytest.raises(DataError, match="cannot be read as a map of heights"):
+    with pytest.raises(DataError, match="there is no such file"):
         terrain(gnss=gnss, params=TerrainParams(raster=str(tmp_path / "none.tif")))
