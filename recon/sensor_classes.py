@@ -17,6 +17,7 @@ ADIS16470 (rev. C, 2019), Honeywell HG4930 (N61-1677-000-002, 2018).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Final, Literal, TypeAlias, get_args
 
 from recon.units import parse_quantity, si_unit
@@ -43,6 +44,7 @@ NAMES: Final = tuple(_TABLE)
 """The rows of the table."""
 
 
+@cache
 def typical(sensor_class: str, name: str) -> float:
     """One value in SI. Raises ValueError or KeyError for an unknown class or name."""
     text = _TABLE[name][CLASSES.index(sensor_class)]

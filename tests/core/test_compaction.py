@@ -124,6 +124,23 @@ def test_a_drive_with_a_result_has_not_failed(root: Root) -> None:
     assert compacted(root, {key_of("A", "d0"): failure("A", "d0")})["jobs"]["status"].to_pylist() == ["ok"]
 
 
+@pytest.mark.parametrize("moved", [["metrics"], ["metrics", "events"]])
+def test_a_batch_that_died_while_it_put_the_files_in_place_costs_nothing(root: Root, moved: list[str]) -> None:
+    """They are moved one by one, jobs.parquet last."""
+    put(root, "A", "d0", 1, metrics=3)
+    put(root, "A", "d1", 1, metrics=1)
+    older = {name: (Path(root.place.path) / f"{name}.parquet") for name in NAMES}
+    compacted(root)
+    before = {name: path.read_bytes() for name, path in older.items()}
+    put(root, "A", "d0", 2, metrics=1)
+    put(root, "A", "d1", 2, metrics=3)
+    whole = compacted(root)
+    for name in set(NAMES) - set(moved):
+        older[name].write_bytes(before[name])
+    again = compacted(root)
+    assert all(again[name].equals(whole[name]) for name in NAMES)
+
+
 @pytest.mark.parametrize("harm", ["gone", "cut", "of another compaction", "of another recon"])
 def test_files_that_do_not_belong_together_are_made_from_the_results(root: Root, harm: str) -> None:
     put(root, "A", "d0", 1, metrics=3)
