@@ -16,6 +16,9 @@ from recon.numerics.smoothing.stops import MOST_LIMITS, Blocks, block_means, fin
 from recon.tables import Array, has, matrix, seconds, time_ns, vector
 from recon.units import convert
 
+SHAKEN: Final = 2.0
+"""Times what the terms make of them, beyond which deviations show something else: a vibration."""
+_WELL_KNOWN: Final = 0.1
 LEAST_S: Final = 30.0
 """s of standing still, from which a noise is told."""
 _BLOCK_S: Final = 0.1
@@ -48,6 +51,14 @@ class Allan:
     def of(self, sensor: str) -> list[Axis]:
         """The axes of one sensor."""
         return [axis for axis in self.axes if axis.sensor == sensor]
+
+    def unexplained(self) -> tuple[float, float]:
+        """How many times what the terms make of it a deviation that is well known is at most, and at which tau, s."""
+        told = np.array([axis.deviation / np.maximum(axis.noise.deviation(self.tau_s), 1e-30) for axis in self.axes])
+        known = np.array([[axis.noise.white > 0.0] for axis in self.axes]) & (self.relative < _WELL_KNOWN)
+        ratio = np.where(known, told, 0.0).max(axis=0)
+        worst = int(ratio.argmax())
+        return float(ratio[worst]), float(self.tau_s[worst])
 
 
 def analyse(imu: pa.Table, gnss: pa.Table | None) -> Allan:

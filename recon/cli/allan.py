@@ -81,12 +81,14 @@ def _as_data(found: Allan) -> dict[str, Any]:
             value = getattr(axis.noise, term)
             told[name] = {"value": convert(value, si, unit) if value else None, "unit": unit}
         terms.append({"axis": f"{axis.sensor}_{axis.name}", **told})
+    ratio, tau_s = found.unexplained()
     curves = {f"{axis.sensor}_{axis.name}": axis.deviation.tolist() for axis in found.axes}
     return {
         "from_s": found.start_s,
         "to_s": found.stop_s,
         "rate_hz": found.rate_hz,
         "terms": terms,
+        "unexplained": {"ratio": ratio, "tau_s": tau_s},
         "fuser.map": fuser_params(found),
         "tau_s": found.tau_s.tolist(),
         "deviation_si": curves,
@@ -94,6 +96,8 @@ def _as_data(found: Allan) -> dict[str, Any]:
 
 
 def _as_text(name: str, data: dict[str, Any]) -> str:
+    from recon.allan import SHAKEN
+
     span = data["to_s"] - data["from_s"]
     lines = [
         f"{name}: at rest from {data['from_s']:.1f} to {data['to_s']:.1f} s ({span:.0f} s, {data['rate_hz']:.4g} Hz)"
@@ -106,6 +110,10 @@ def _as_text(name: str, data: dict[str, Any]) -> str:
         rows = [(term, *(_shown(one[term]["value"]) for one in some), unit) for term, _, _, unit in _TERMS[sensor]]
         lines += ["", console.table([head, *rows])]
     lines += ["", "- does not show in a record of this length: a minute tells white noise, hours tell walks"]
+    unexplained = data["unexplained"]
+    if unexplained["ratio"] > SHAKEN:
+        shaken = f"{unexplained['ratio']:.1f} times what these terms make of them, most at {unexplained['tau_s']:.2g} s"
+        lines += [f"warning: deviations are up to {shaken}: something shook the box; record it with the engine off"]
     steps = "".join(f"      {key}: {value}\n" for key, value in data["fuser.map"].items())
     lines += ["", "for a pipeline (the moving car shakes more: fuser.map starts from these and estimates it):"]
     return "\n".join([*lines, f"  - use: fuser.map\n    params:\n{steps}".rstrip()])

@@ -62,22 +62,13 @@ def doctor(
     registry = registry_of(blocked, first_party_only)
     run = api.execute(pipeline, paths, out, overrides, registry=registry, exports=exports, overwrite=overwrite)
     found = findings_in(run.metrics)
-    trials: tuple[Trial, Trial] | None = None
-    if write is not None:
-        cure = _repaired(found, overrides)
-        write.write_text(cure.to_yaml(), encoding="utf-8")
-        if any(one["yaml"] for one in found):
-            trials = _tried(cure, paths, overrides, registry)
-    shown = [{key: value for key, value in one.items() if key != "evidence"} for one in found]
+    trials = _written(write, found, paths, overrides, registry) if write is not None else None
     if as_json:
-        tried = {"trial": dict(zip(_BOTH, (one.as_data() for one in trials), strict=True))} if trials else {}
-        console.write_json({"paths": [str(path) for path in paths], "findings": shown, **tried})
+        console.write_json(_as_data(paths, found, trials))
         return
-    own = {one["explanation"] for one in found}
-    others = [text for text in run.warnings if text.partition(": ")[2] not in own]
-    console.write(_as_text(", ".join(map(str, paths)), shown, others))
-    places = {"report": out / "exports" / "report" / "report.html" if out else None, "pipeline": write}
-    for name, place in places.items():
+    console.write(_as_text(", ".join(map(str, paths)), found, run.warnings))
+    report = out / "exports" / "report" / "report.html" if out else None
+    for name, place in (("report", report), ("pipeline", write)):
         if place is not None:
             console.write(f"{name}: {place}")
     if trials is not None:
@@ -90,6 +81,19 @@ def _refuse_existing(write: Path | None, overwrite: bool) -> None:
 
     if write is not None and write.exists() and not overwrite:
         raise ConfigError([Problem(None, "exists", f"{write} exists", "--overwrite replaces it")])
+
+
+def _written(
+    write: Path,
+    found: Sequence[dict[str, Any]],
+    paths: Sequence[Path],
+    overrides: Sequence[Override],
+    registry: Registry,
+) -> tuple[Trial, Trial] | None:
+    """Write the pipeline that puts right what was found; the drive without and with it, None where nothing changes."""
+    cure = _repaired(found, overrides)
+    write.write_text(cure.to_yaml(), encoding="utf-8")
+    return _tried(cure, paths, overrides, registry) if any(one["yaml"] for one in found) else None
 
 
 def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) -> Pipeline:
@@ -136,6 +140,15 @@ def _amount(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{value:.3g} {unit}"
 
 
+def _as_data(
+    paths: Sequence[Path], found: Sequence[dict[str, Any]], trials: tuple[Trial, Trial] | None
+) -> dict[str, Any]:
+    """What `--json` prints: findings without the curves of their pictures."""
+    shown = [{key: value for key, value in one.items() if key != "evidence"} for one in found]
+    tried = {"trial": dict(zip(_BOTH, (one.as_data() for one in trials), strict=True))} if trials else {}
+    return {"paths": [str(path) for path in paths], "findings": shown, **tried}
+
+
 def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]) -> str:
     counts = {status: sum(one["status"] == status for one in found) for status in _HEADS}
     told = ", ".join(f"{count} {_HEADS[status].partition(',')[0]}" for status, count in counts.items())
@@ -152,7 +165,9 @@ def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]
             lines.append(
                 console.table([(one["code"], _value(one), _first_sentence(one["explanation"])) for one in some])
             )
-    lines += ["", *(f"note: {text}" for text in warnings)] if warnings else []
+    own = {one["explanation"] for one in found}
+    others = [text for text in warnings if text.partition(": ")[2] not in own]
+    lines += ["", *(f"note: {text}" for text in others)] if others else []
     return "\n".join(lines)
 
 

@@ -293,7 +293,7 @@ def draw(path: Path, found: Mapping[str, Mapping[str, Sequence[Result]]]) -> Non
     shown = {
         "worst": "worst position in outages [m]",
         "heading": "heading, rms [deg]",
-        "nees": "NEES, 1 is honest (grey: 19 of 20 drives)",
+        "nees": "NEES (grey: honest)",
         "wall_s": "time [s]",
     }
     names = list(next(iter(found.values())))

@@ -7,10 +7,11 @@ import pytest
 import yaml
 from fuzz import log_files
 
-from recon.allan import analyse, fuser_params
+from recon.allan import SHAKEN, analyse, fuser_params
 from recon.cli import main
 from recon.errors import DataError, NotEnoughData
 from recon.pipeline import Pipeline
+from recon.tables import matrix, replace, time_ns
 from recon_fusers.map import MapParams
 from recon_simulators.drive import DriveParams, simulate_drive
 
@@ -25,6 +26,17 @@ def test_the_noise_of_the_preset_is_found_in_the_units_of_data_sheets(resting):
     told = fuser_params(found)
     assert float(told["gyro_noise"].split()[0]) == pytest.approx(0.007, rel=0.02)
     assert float(told["accel_noise"].split()[0]) == pytest.approx(180.0, rel=0.02)
+
+
+def test_a_box_that_was_shaken_is_told_from_one_at_rest(resting):
+    """A vibration of 20 Hz and 0.3 m/s^2 shows at half its period, far above any noise of the sensor."""
+    quiet, _ = analyse(resting["imu"], None).unexplained()
+    assert quiet < SHAKEN
+    accel = matrix(resting["imu"], "accel")
+    accel[:, 2] += 0.3 * np.sin(2.0 * np.pi * 20.0 * (time_ns(resting["imu"]) - time_ns(resting["imu"])[0]) * 1e-9)
+    ratio, tau_s = analyse(replace(resting["imu"], accel=accel), None).unexplained()
+    assert ratio > SHAKEN
+    assert 0.01 < tau_s < 0.05
 
 
 def test_the_yaml_is_what_fuser_map_reads(resting, tmp_path, capsys):
