@@ -21,7 +21,12 @@ from recon.numerics.smoothing.robust import cauchy_weights
 
 _SURE: Final = 3.0
 """Standard deviations from zero."""
+_SURE_OF_POSITIONS: Final = 4.0
+"""The same of positions, whose slow errors look like a lag."""
+_LIKELY: Final = 2.0
+"""Standard deviations from which a lag is not called none either."""
 _ON_TIME: Final = "{} are on time as far as this log can tell: late by {:.2f} s, give or take {:.2f} s."
+_PERHAPS: Final = "{} may be late, by {:.2f} s, give or take {:.2f} s: too little driving to be sure."
 _NOTICED_S: Final = 0.1
 """A lag below does no harm: fuser.map finds it."""
 _SPAN_S, _NEAR_S = 4.0, 8.0
@@ -45,6 +50,8 @@ def velocity_lag(clocks: Clocks, imu: Imu, gnss: Gnss) -> Finding:
     if _NOTICED_S < size < _SURE * lag.sigma:
         own = gnss.later(-clocks.shift_s)
         deviations = numbers["deviations"] = max(deviations, _apart(imu, own, lag.seconds))
+    if size >= _NOTICED_S and _LIKELY <= deviations < _SURE:
+        return unknown(code, _PERHAPS.format("Speeds and courses", lag.seconds, lag.sigma), **numbers)
     if size < _NOTICED_S or deviations < _SURE:
         text = _ON_TIME.format("Speeds and courses", lag.seconds, lag.sigma)
         return confirmed(code, value, text, **numbers)
@@ -79,7 +86,9 @@ def position_lag(clocks: Clocks, gnss: Gnss) -> Finding:
         return unknown(code, "The positions are too noisy, or there are too few bends, to tell how late they are.")
     numbers = {"lag_s": lag.seconds, "sigma_s": lag.sigma}
     value = round(lag.seconds, 3)
-    if abs(lag.seconds) < max(_NOTICED_S, 4.0 * lag.sigma):
+    if _NOTICED_S <= abs(lag.seconds) < _SURE_OF_POSITIONS * lag.sigma and _LIKELY * lag.sigma <= abs(lag.seconds):
+        return unknown(code, _PERHAPS.format("Positions", lag.seconds, lag.sigma), **numbers)
+    if abs(lag.seconds) < max(_NOTICED_S, _SURE_OF_POSITIONS * lag.sigma):
         text = _ON_TIME.format("Positions", lag.seconds, lag.sigma)
         return confirmed(code, value, text, **numbers)
     if lag.seconds > 0:
