@@ -59,8 +59,7 @@ def _findings(
     claims, reader = claims_of(learnt, gnss, params.sensor_class)
     classes = [(name, typical(name, "gyro_noise"), typical(name, "accel_noise")) for name in CLASSES]
     found, letters = examine(log_of(imu, gnss, gnss_2, reference, claims), classes)
-    lags = (one.value for one in found if one.code == "gnss_position_lag")
-    lag = next((value for value in lags if isinstance(value, float)), None)
+    lag = next((one.statistic.get("lag_s") for one in found if one.code == "gnss_position_lag"), None)
     mistaken = any(one.code == "inverted_axis" and one.status == "contradicted" for one in found)
     rows = []
     for one in found:

@@ -27,7 +27,11 @@ def is_finding(row: Mapping[str, Any]) -> bool:
 def findings_section(found: Iterable[Mapping[str, Any]], start_ns: int) -> str:
     """HTML; "" without a finding. start_ns : zero of the times of evidence"""
     some = list(found)
-    parts = [_at_length(one, start_ns) for one in some if one["status"] == "contradicted"]
+    parts, drawn = [], list[Any]()
+    for one in (one for one in some if one["status"] == "contradicted"):
+        evidence = one.get("evidence")
+        parts.append(_at_length(one, None if evidence in drawn else evidence, start_ns))
+        drawn.append(evidence)
     if some and not parts:
         parts.append("<p>The data contradict nothing.</p>")
     for status, head in _HEADS.items():
@@ -47,11 +51,12 @@ def _value(one: Mapping[str, Any]) -> str:
     return f" = {escape(value if isinstance(value, str) else f'{value:.4g}')}"
 
 
-def _at_length(one: Mapping[str, Any], start_ns: int) -> str:
+def _at_length(one: Mapping[str, Any], evidence: Mapping[str, Any] | None, start_ns: int) -> str:
+    """evidence : the curves that show it; None where there are none, or where they are drawn above"""
     sure = f"{100.0 * one['confidence']:.1f} % sure"
     fix = f"<p>Put right by:</p><pre>{escape(one['yaml'])}</pre>" if one["yaml"] else ""
     head = f"<h3>{escape(one['code'])}{_value(one)} <small>({sure})</small></h3>"
-    return f"{head}<p>{escape(one['explanation'])}</p>{_figure(one.get('evidence'), one['code'], start_ns)}{fix}"
+    return f"{head}<p>{escape(one['explanation'])}</p>{_figure(evidence, one['code'], start_ns)}{fix}"
 
 
 def _figure(evidence: Mapping[str, Any] | None, code: str, start_ns: int) -> str:
