@@ -53,7 +53,6 @@ def compare(
     """
     from recon import api, comparison
     from recon.errors import ConfigError
-    from recon.pipeline import Pipeline
     from recon.problems import Problem, Where
 
     if exports and out is None:
@@ -62,21 +61,25 @@ def compare(
         raise ConfigError([Problem(None, "one-run", "a comparison needs two runs", "name another one")])
     registry = registry_of(blocked, first_party_only)
     finished = [api.open(run) for run in runs]
-    truth = _reference(reference, registry)
-    found = comparison.compare(finished, truth)
-    made = {"the overlay": out} if out is not None else {}
-    with accounted(made):
-        overlay: Run | None = None
-        if out is not None:
-            together = comparison.overlay(finished)
-            overlay = api.execute(
-                Pipeline("compare", ()), together, out, [], registry=registry, exports=exports or ["plots"],
-                overwrite=overwrite,
-            )  # fmt: skip
+    found = comparison.compare(finished, _reference(reference, registry))
+    with accounted({"the overlay": out} if out is not None else {}):
+        named = exports or ["plots"]
+        overlay = _overlay(finished, out, named, overwrite=overwrite, registry=registry) if out is not None else None
         if as_json:
             console.write_json({**found.as_data(), "overlay": str(out) if overlay else None})
         else:
             console.write(as_text(found, overlay, everything=everything))
+
+
+def _overlay(runs: Sequence[Run], out: Path, exports: Sequence[str], *, overwrite: bool, registry: Registry) -> Run:
+    """A result with all trajectories, and what the exporters make of it."""
+    from recon import api, comparison
+    from recon.pipeline import Pipeline
+
+    together = comparison.overlay(runs)
+    return api.execute(
+        Pipeline("compare", ()), together, out, [], registry=registry, exports=exports, overwrite=overwrite
+    )
 
 
 def _reference(path: Path | None, registry: Registry) -> pa.Table | None:
