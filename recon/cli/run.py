@@ -52,9 +52,11 @@ def run(
 
     Example: recon run thesis drive.txt --export csv --set filter.moving_average.window="20 ms"
     """
+    from recon import memory
     from recon.api import execute
     from recon.pipeline import Pipeline
 
+    memory.keep_freed()
     check_store(store)
     overrides = overrides_of(settings)
     registry = registry_of(blocked, first_party_only)
