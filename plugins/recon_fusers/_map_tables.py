@@ -272,6 +272,7 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
         Metric("accel_noise", noise.accel, "m/s^2/sqrt(Hz)", note="in the moving vehicle"),
         Metric("gyro_bias_walk", float(np.degrees(noise.gyro_walk)), "deg/s/sqrt(s)"),
         Metric("accel_bias_walk", noise.accel_walk, "m/s^2/sqrt(s)"),
+        Metric("motion_across", noise.across, "m/s", note="of the wheels, sideways and upwards, mean of a second"),
     ]
     if np.isfinite(fixes.pos_sigma).any():
         rows += [

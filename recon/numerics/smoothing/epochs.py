@@ -55,6 +55,7 @@ class Epochs:
     t_s : (E,) s; interval : (E,) knot before; fix : (E,) index of the fix, -1 for none
     seconds : (E,) s of the drive that an epoch stands for, 1 at most
     gyro_s, accel_s : (3, E) as logged, mean of about 0.1 s around
+    calm : as logged, against the second around
     slots : S
     """
 
@@ -65,7 +66,47 @@ class Epochs:
     seconds: Floats
     gyro_s: Floats
     accel_s: Floats
+    calm: Calm
     slots: int
+
+
+@dataclass(frozen=True)
+class Calm:
+    """What moves about its mean within a second, as a body does on its springs: (3, E), sensor.
+
+    rate rad/s, force m/s^2 : means of the second; turned rad, pushed m/s : integrals of both less their means
+    """
+
+    rate: Floats
+    force: Floats
+    turned: Floats
+    pushed: Floats
+
+    @classmethod
+    def around(cls, blocks: Blocks, t_s: Floats) -> Calm:
+        """Of the second around each time; nothing moves where the record begins or ends within it."""
+        edges = np.concatenate([blocks.t_s[:1], 0.5 * (blocks.t_s[1:] + blocks.t_s[:-1]), blocks.t_s[-1:]])
+        whole = (t_s - 0.5 * EPOCH_S >= edges[0]) & (t_s + 0.5 * EPOCH_S <= edges[-1])
+        ends = t_s + np.where(whole, 0.5 * EPOCH_S, 0.0) * np.array([[-1.0], [1.0]])
+
+        def means(rows: Floats) -> Floats:
+            """Of what has such integrals up to the edges."""
+            return np.stack([np.diff(np.interp(ends, edges, row), axis=0)[0] for row in rows]) / EPOCH_S
+
+        def of(logged: Floats) -> tuple[Floats, Floats]:
+            once = _summed(logged, edges)
+            twice = _summed(0.5 * (once[:, 1:] + once[:, :-1]), edges)
+            here = np.stack([np.interp(t_s, edges, row) for row in once])
+            mean = np.where(whole, means(once), _near(blocks, logged, t_s))
+            return mean, np.where(whole, here - means(twice), 0.0)
+
+        (rate, turned), (force, pushed) = of(blocks.gyro), of(blocks.accel)
+        return cls(rate, force, turned, pushed)
+
+
+def _summed(rows: Floats, edges: Floats) -> Floats:
+    """Integrals up to the edges of what is constant between them: (3, n + 1) of (3, n)."""
+    return np.concatenate([np.zeros((3, 1)), np.cumsum(rows * np.diff(edges), axis=1)], axis=1)
 
 
 def place_epochs(samples: Samples, blocks: Blocks, fix_t_s: Floats) -> Epochs:
@@ -105,6 +146,7 @@ def place_epochs(samples: Samples, blocks: Blocks, fix_t_s: Floats) -> Epochs:
         seconds=seconds,
         gyro_s=_near(blocks, blocks.gyro, times),
         accel_s=_near(blocks, blocks.accel, times),
+        calm=Calm.around(blocks, times),
         slots=slots,
     )
 

@@ -32,9 +32,9 @@ NOISE_FROM_S: Final = 1200.0
 _MOST_ROUNDS: Final = 4
 _MOST_REJECTED: Final = 0.15
 """Share of the fixes."""
-_GROWN_FIXES, _GROWN_IMU = 1.2, 2.0
+_GROWN_FIXES, _GROWN_MOTION = 1.2, 2.0
 """Growth of a size of noise after which it is estimated again."""
-_OF_IMU: Final = ("gyro", "accel", "gyro_walk", "accel_walk")
+_OF_MOTION: Final = ("gyro", "accel", "gyro_walk", "accel_walk", "across")
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,8 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
 def _grown(before: Noise, after: Noise) -> bool:
     """Has a size grown so much that residuals which were put aside must be looked at again?"""
     of_fixes = np.concatenate([after.position / before.position, after.velocity / before.velocity])
-    of_imu = [getattr(after, name) / getattr(before, name) for name in _OF_IMU]
-    return bool(of_fixes.max() > _GROWN_FIXES or max(of_imu) > _GROWN_IMU)
+    of_motion = [getattr(after, name) / getattr(before, name) for name in _OF_MOTION]
+    return bool(of_fixes.max() > _GROWN_FIXES or max(of_motion) > _GROWN_MOTION)
 
 
 def _most_motion(smoother: Smoother) -> slice:

@@ -5,8 +5,10 @@
     body       u = M (R^T v + w x r):  u_y - k_s a_y u_x,  u_z - k_p a_x u_x,  u_x - (1 + s) wheel speed
 
 The body's rows say that a rear axle (at r) moves along its wheels' track: sideways and upwards nothing but slip, which
-grows with the lateral acceleration, and the pitch of the springs. Robust weights by `robust`: the fixes' are kept by
-the smoother, the body's are Cauchy's.
+grows with the lateral acceleration, and the pitch of the springs. u_y and u_z are means of a second: a body that
+bounces turns about its track, and a constraint that takes this for errors of the IMU finds scale errors where there are
+none. About the mean it moves by u~ = f~ - w~ x u, with ~ for integrals over time less their means. Robust weights by
+`robust`: the fixes' are kept by the smoother, the body's are Cauchy's.
 
 References
     Groves (2013), 2nd ed., section 14.3 (lever arm).
@@ -63,14 +65,13 @@ class Fixes:
 
 @dataclass(frozen=True)
 class BodyModel:
-    """How well the constraint of the wheels holds: sigma m/s at one second, its growth with slip, wheel speed's sigma.
+    """How well the constraint of the wheels holds: growth of its sigma with slip, wheel speed's sigma m/s.
 
     on : (E,) epochs at which it is used; rolls : (E,) those at which it is used however slow they are
     wheel_speed : (E,) m/s at the epochs, NaN where there is none; of its sign, which not all wheels tell, nothing is
         made
     """
 
-    sigma: float
     slip: float
     wheel_sigma: float
     on: NDArray[np.bool_]
@@ -178,49 +179,54 @@ def _own(weight: Floats, fixes: Fixes, epochs: Epochs) -> Floats:
     return np.asarray(weight * np.sqrt(share))
 
 
-def body_rows(here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, robust: bool) -> Measured:
-    """Of the wheels, vehicle axes x (wheel speed), y and z (no motion across), weighted."""
-    shape = here.vel.shape
-    to_vehicle = np.einsum("ij,kjn->ikn", state.rot_vs, here.rot)
-    along_v = np.einsum("ij,jn->in", state.rot_vs, mtv(here.rot, here.vel))
-    turn_rate = np.einsum("ij,jn->in", state.rot_vs, here.rate)
-    rear = np.broadcast_to(state.common[REAR, None], shape)
-    u = along_v + np.einsum("ij,jn->in", state.rot_vs, cross(here.rate, rear))
-    push = mv(to_vehicle, here.force_n)
+def body_rows(here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, sigma: float, robust: bool) -> Measured:
+    """Of the wheels, vehicle axes x (wheel speed), y and z (no motion across), weighted. sigma : m/s, at one second."""
+    rot_vs, calm = state.rot_vs, epochs.calm
+    to_vehicle = np.einsum("ij,kjn->ikn", rot_vs, here.rot)
+    turn_rate = np.einsum("ij,jn->in", rot_vs, here.rate)
+    rear = np.broadcast_to(state.common[REAR, None], here.vel.shape)
+    along_s, rate = mtv(here.rot, here.vel), here.rate + calm.rate - epochs.gyro_s
+    u = np.einsum("ij,jn->in", rot_vs, along_s + cross(here.rate, rear))
+    mean = np.einsum("ij,jn->in", rot_vs, along_s + cross(calm.turned, along_s) - calm.pushed + cross(rate, rear))
+    push = mv(to_vehicle, here.force_n) + np.einsum("ij,jn->in", rot_vs, calm.force - epochs.accel_s)
     slip, pitch = -u[0] * push[1], -u[0] * push[0]
     wheel = np.abs(np.nan_to_num(model.wheel_speed)) * np.sign(u[0])
     error = np.stack(
         [
             u[0] - (1.0 + state.common[WHEEL]) * wheel,
-            u[1] + state.common[SLIP] * slip,
-            u[2] + state.common[PITCH] * pitch,
+            mean[1] + state.common[SLIP] * slip,
+            mean[2] + state.common[PITCH] * pitch,
         ]
     )
-    weight = _body_weights(u, turn_rate, here, epochs, model)
+    weight = _body_weights(u, turn_rate, here, epochs, model, sigma)
     if robust:
         squared = (error * weight) ** 2
         weight[0] /= np.sqrt(1.0 + squared[0] / _BODY_C2)
         weight[1:] /= np.sqrt(1.0 + squared[1:].sum(axis=0) / _BODY_C2)
-    common = np.zeros((3, COMMON.stop, shape[1]))
-    common[:, MOUNT] = -skew(u)
-    common[:, REAR] = np.einsum("ij,jkn->ikn", state.rot_vs, skew(here.rate))
+    common = np.zeros((3, COMMON.stop, u.shape[1]))
+    common[:1, MOUNT], common[1:, MOUNT] = -skew(u)[:1], -skew(mean)[1:]
+    common[:1, REAR] = np.einsum("ij,jkn->ikn", rot_vs[:1], skew(here.rate))
+    common[1:, REAR] = np.einsum("ij,jkn->ikn", rot_vs[1:], skew(rate))
     common[0, WHEEL], common[1, SLIP], common[2, PITCH] = -wheel, slip, pitch
+    to_vehicle[1:] += np.einsum("ij,jkn,lkn->iln", rot_vs[1:], skew(calm.turned), here.rot, optimize=True)
     turn = mm(to_vehicle, skew(here.vel))
     w = weight[:, None]
     return Measured(error * weight, turn * w, to_vehicle * w, common * w)
 
 
-def _body_weights(u: Floats, turn_rate: Floats, here: AtEpochs, epochs: Epochs, model: BodyModel) -> Floats:
+def _body_weights(
+    u: Floats, turn_rate: Floats, here: AtEpochs, epochs: Epochs, model: BodyModel, sigma: float
+) -> Floats:
     """(3, E) 1 / (m/s): nothing below walking pace, where the body sways more than the wheels tell."""
     moves = model.on & (model.rolls | _moving(here))
-    side = np.hypot(model.sigma, model.slip * np.abs(turn_rate[2]) * u[0] ** 2 / 3.0)
+    side = np.hypot(sigma, model.slip * np.abs(turn_rate[2]) * u[0] ** 2 / 3.0)
     rolls = np.isfinite(model.wheel_speed) & epochs.live
     return np.asarray(
         np.stack(
             [
                 np.where(rolls, 1.0 / model.wheel_sigma, 0.0),
                 np.where(moves, 1.0 / side, 0.0),
-                np.where(moves, 1.0 / model.sigma, 0.0),
+                np.where(moves, 1.0 / sigma, 0.0),
             ]
         )
         * np.sqrt(epochs.seconds)

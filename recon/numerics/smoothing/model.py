@@ -20,6 +20,7 @@ class Noise:
     gyro, accel : densities rad/s/sqrt(Hz), m/s^2/sqrt(Hz); gyro_walk, accel_walk : rad/s/sqrt(s), m/s^2/sqrt(s)
     drift : (3,) m, drift_tau : s, of the slow error of GNSS positions
     position, velocity : (3,) factors on the sigmas of the fixes
+    across : m/s, motion of the wheels across their track, mean of a second
     """
 
     gyro: float
@@ -30,6 +31,7 @@ class Noise:
     drift_tau: float
     position: Floats
     velocity: Floats
+    across: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Model:
         camera_lever_sigma : m
     lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
     wheels : does it roll on wheels, so that it moves forward only
-    across m/s, slip_growth : sigma of motion across at one second, and its growth with slip
+    slip_growth : growth of the sigma of motion across with slip
     stop m/s, stop_heading, stop_tilt rad/sqrt(s) : how still a standing vehicle is
     road rad, road_stretch m : bank of roads, and the length over which it changes
     first_attitude : (3, 3) n from sensor at the first knot, None where not known; first_attitude_sigma : (3,) rad,
@@ -72,7 +74,6 @@ class Model:
     wheel: float = 0.02
     wheel_speed: float = 0.1
     wheels: bool = True
-    across: float = 0.1
     slip_growth: float = 0.004
     stop: float = 0.02
     stop_heading: float = 3e-5

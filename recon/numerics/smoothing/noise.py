@@ -59,6 +59,9 @@ _KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
 """Mean square of what is left of normal residuals of 0 to 3 components where those whose squares sum up to more than 9
 are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
 """
+_LASTING_S: Final = 20.0
+_ACROSS, _ACROSS_LIKE, _ACROSS_BOUNDS = 0.05, 10.0, (0.05, 0.3)
+"""m/s; what is expected, how many means it is worth, and bounds."""
 _STEPS: Final = 8
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
@@ -262,7 +265,24 @@ def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, 
         low[index] = 0.0 if not floor else min(0.0, float(np.log(_STILL_FACTOR * floor / now)))
     unseen = np.flatnonzero(likelihood.counts == 0.0) + 3
     low[unseen] = high[unseen] = 0.0
-    return scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
+    found = scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
+    return replace(found, across=_across(smoother, solved)) if smoother.model.wheels else found
+
+
+def _across(smoother: Smoother, solved: Solved) -> float:
+    """Sigma of motion across the wheels' track, m/s at one second, from means over _LASTING_S.
+
+    Camber and load make it last, so that the likelihood, which takes it for white, would believe it too small; a mean
+    counts what lasts in full. The prior is that of so many means, an inverse gamma one.
+    """
+    residual, (t_s, seconds) = smoother.sideways(solved)
+    block = np.floor(t_s / _LASTING_S).astype(np.intp)
+    rolled = np.bincount(block, seconds) if len(block) else np.zeros(0)
+    counted = rolled > 0.5 * _LASTING_S
+    sums = np.array([np.bincount(block, axis * np.sqrt(seconds)) for axis in residual]).reshape(2, -1)[:, counted]
+    size = solved.noise.across**2 * float((sums**2 / rolled[counted]).sum())
+    sigma = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.size))
+    return float(np.clip(sigma, *_ACROSS_BOUNDS))
 
 
 def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[[Floats], tuple[float, Floats]]:

@@ -129,7 +129,6 @@ class Smoother:
             carried = (np.abs(speed) < _STANDING_WHEELS) & (np.interp(t_s, *self.motion[:2]) > SLOW)
             speed[carried] = np.nan
         self.body = BodyModel(
-            sigma=self.model.across,
             slip=self.model.slip_growth,
             wheel_sigma=self.model.wheel_speed,
             on=self.epochs.live & ~quiet & ~samples.filled[step] & ~self._slipping(t_s),
@@ -289,8 +288,17 @@ class Smoother:
         return (
             position_rows(here, state, scaled, self.epochs, bridge),
             velocity_rows(here, state, scaled, self.epochs),
-            body_rows(here, state, self.epochs, self.body, robust),
+            body_rows(here, state, self.epochs, self.body, noise.across, robust),
         )
+
+    def sideways(self, solved: Solved) -> tuple[Floats, Floats]:
+        """Motion of the wheels across their track at the epochs at which it is looked at, to the left and up.
+
+        returns : (2, n) in sigmas of the time that each stands for, robustly weighted, and (2, n) s: when, and how long
+        """
+        body = self._rows(solved.state, solved.ends, solved.inside, solved.noise, robust=True)[2]
+        used = body.residual[2] != 0.0
+        return body.residual[1:, used], np.stack([self.epochs.t_s, self.epochs.seconds])[:, used]
 
     def _assemble(self, state: State, gravity: GravityField, count: int) -> None:
         """The factors whose noise is given: stops, roads, aids, priors."""

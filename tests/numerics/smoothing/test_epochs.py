@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from smoothing_drives import Linearised, Log, linearised
 
-from recon.numerics.smoothing.epochs import EPOCH_S, Epochs, locate, place_epochs, state_at
+from recon.numerics.smoothing.epochs import EPOCH_S, Calm, Epochs, locate, place_epochs, state_at
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.soa import mmt, rotation_log
 from recon.numerics.smoothing.stops import Blocks, block_means
@@ -41,8 +41,9 @@ def everywhere(drive: Linearised, share: float) -> Epochs:
     knots = drive.sim.drive.samples.knot_times
     count = len(knots) - 1
     none = np.zeros((3, count))
+    calm = Calm(none, none, none, none)
     t_s = knots[:-1] + share * np.diff(knots)
-    return Epochs(t_s, np.arange(count), np.full(count, -1), np.ones(count, bool), np.ones(count), none, none, 1)
+    return Epochs(t_s, np.arange(count), np.full(count, -1), np.ones(count, bool), np.ones(count), none, none, calm, 1)
 
 
 def test_every_fix_between_the_first_knot_and_the_last_has_an_epoch_of_its_own():
@@ -160,3 +161,37 @@ def test_the_state_at_the_knots_is_that_of_the_knots_whatever_the_misclosure():
         assert np.abs(rotation_log(mmt(state.rot_ns[..., knots], rot))).max() < 1e-5 + 5e-3 * 1e-2
         assert np.abs(vel - state.vel_n[:, knots]).max() < 5e-3 * 0.2
         assert np.abs(pos - state.pos_n[:, knots]).max() < 5e-3 * 5e-3
+
+
+def shaken(gyro: np.ndarray, accel: np.ndarray) -> Blocks:
+    """Means of 0.1 s of rates and forces (3, 300)."""
+    count = gyro.shape[1]
+    return Blocks(10, 0.05 + 0.1 * np.arange(count), gyro, accel, np.zeros(count), np.ones(count, bool))
+
+
+def test_what_stays_for_a_second_is_not_taken_off():
+    steady = np.ones((3, 300)) * [[0.1], [-0.2], [0.3]]
+    calm = Calm.around(shaken(steady, 5.0 * steady), np.linspace(1.0, 29.0, 57))
+    assert_allclose(calm.rate, steady[:, :57], rtol=1e-9)
+    assert_allclose(calm.force, 5.0 * steady[:, :57], rtol=1e-9)
+    assert max(np.abs(calm.turned).max(), np.abs(calm.pushed).max()) < 1e-12
+
+
+def test_what_bounces_within_a_second_is_its_distance_from_the_mean():
+    # Means of 0.1 s and straight lines between take (pi f 0.1)^2 / 6 and (2 pi f 0.1)^2 / 8 of the amplitude, less than
+    # a tenth at 1 Hz; the mean of a whole period is nothing.
+    t_s, size = 0.05 + 0.1 * np.arange(300), 0.003
+    rate = size * 2.0 * np.pi * np.cos(2.0 * np.pi * t_s)
+    blocks = shaken(np.stack([0.0 * rate, rate, 0.0 * rate]), np.stack([0.0 * rate, 0.0 * rate, 10.0 * rate]))
+    at = np.linspace(2.0, 27.0, 251)
+    calm = Calm.around(blocks, at)
+    assert_allclose(calm.turned[1], size * np.sin(2.0 * np.pi * at), rtol=0.0, atol=0.1 * size)
+    assert_allclose(calm.pushed[2], 10.0 * calm.turned[1], rtol=0.0, atol=1e-12)
+    assert np.abs(calm.rate).max() < 0.1 * size * 2.0 * np.pi
+
+
+def test_where_the_record_begins_or_ends_within_a_second_nothing_is_taken_off():
+    noise = np.random.default_rng(1).standard_normal((3, 300))
+    calm = Calm.around(shaken(noise, noise), np.array([0.2, 29.8]))
+    assert not calm.turned.any()
+    assert not calm.pushed.any()

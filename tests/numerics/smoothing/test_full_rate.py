@@ -11,7 +11,7 @@ from smoothing_drives import PLACE, Linearised, Log, linearised
 
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing.earth import level_rotation
-from recon.numerics.smoothing.epochs import Epochs, locate, state_at
+from recon.numerics.smoothing.epochs import Calm, Epochs, locate, state_at
 from recon.numerics.smoothing.full_rate import Motion, between_knots, full_rate
 from recon.numerics.smoothing.soa import mm, mmt, mv, quat_to_matrix, rotation_log
 
@@ -57,8 +57,9 @@ def test_every_sample_is_what_the_epochs_see(off):
     found, samples = expand(drive), drive.sim.drive.samples
     n, m = len(samples.filled), samples.per_interval
     none = np.zeros((3, n))
+    calm = Calm(none, none, none, none)
     interval = np.arange(n) // m
-    epochs = Epochs(samples.t_s[:-1], interval, np.full(n, -1), np.ones(n, bool), np.ones(n), none, none, m)
+    epochs = Epochs(samples.t_s[:-1], interval, np.full(n, -1), np.ones(n, bool), np.ones(n), none, none, calm, m)
     ends = drive.ends(drive.state)
     rot, vel, pos = state_at(drive.state, ends, epochs, locate(epochs, samples, drive.increments))
     rot_ln = level_rotation(pos, PLACE)
