@@ -19,7 +19,7 @@ from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.schema import REFERENCE
 from recon.tables import Array, build, with_meta
 from recon_readers._columns import at_rows
-from recon_readers._csv_streams import LIMITS
+from recon_readers._limits import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
 NS: Final = 1_000_000_000

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from recon.errors import NothingUsable
 from recon.numerics.geodesy import Anchor, enu_to_geodetic
-from recon.numerics.rotation import multiply
+from recon.numerics.rotation import from_euler, multiply, yaw_from_heading
 from recon.rows import Metric, metrics, warning
 from recon.schema import BARO, GNSS, IMU, MAG, REFERENCE, STREAMS
 from recon.stages import Wanted
@@ -24,6 +24,7 @@ from recon_readers._time_order import Times
 
 GAUSS: Final = 1e-4
 """T."""
+GNSS_FACTS: Final = {"height_datum": "mean_sea_level", "heading_kind": "course_true"}
 LONGEST_NS: Final = 10**17
 """No autopilot runs for three years; a time of more is damaged."""
 _ENU_NED: Final = np.array((0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0))
@@ -103,6 +104,42 @@ class Log:
 
 
 _NOTHING: Final = "was the logging of sensors switched on, and do the steps read what the log holds?"
+
+
+def boot_ns(counts: Times, factor: int) -> Times:
+    """Counts of a boot clock, of `factor` ns each, as ns, -1 where that cannot be."""
+    return np.where((counts >= 0) & (counts < LONGEST_NS // factor), counts * factor, -1)
+
+
+def account(log: Log, damaged: int, what: str) -> None:
+    """Tell of places in the log that are damaged."""
+    if damaged:
+        text = f"{log.path.name} is cut short or damaged ({damaged} times): every whole message is used"
+        log.learnt += [Metric("damaged_places", float(damaged), note=what), warning(text)]
+
+
+def fixed(columns: dict[str, Array], status: Array, satellites: Array, speed: Array, course: Array) -> dict[str, Array]:
+    """Columns of gnss where there is a fix. status : 0, 1 none, 2 two-dimensional, above three-dimensional."""
+    lost = status < 2.0
+    moving = {"speed": speed, "course": np.mod(course, 2.0 * np.pi)}
+    known = {name: np.where(lost, np.nan, values) for name, values in {**columns, **moving}.items()}
+    return {**known, "fix": np.clip(np.where(lost, 0.0, status), 0.0, 3.0), "satellites": satellites}
+
+
+def sigmas_of(horizontal: Array, vertical: Array, speed: Array) -> dict[str, Array]:
+    """Columns of a receiver's accuracies."""
+    position = {"pos_std_e": horizontal, "pos_std_n": horizontal, "pos_std_u": vertical}
+    return {**position, **dict.fromkeys(("vel_std_e", "vel_std_n", "vel_std_u"), speed)}
+
+
+def positive(values: Array) -> Array:
+    """The values, NaN where they are not above zero."""
+    return np.where(values > 0.0, values, np.nan)
+
+
+def attitude_of(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Forward, left, up in east, north, up, from angles of forward, right, down in north, east, down, rad."""
+    return np.asarray(from_euler(yaw_from_heading(yaw), -pitch, roll))
 
 
 def attitude(q_ned: Array) -> Array:

@@ -16,7 +16,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.schema import STREAMS, Schema, group_of, unnumbered
 from recon.tables import Array, build, has, matrix, select_rows
-from recon_readers._csv_streams import FASTEST_TURN, LIMITS, MOST_FAULTY, USUAL_SIZE
+from recon_readers._limits import FASTEST_TURN, LIMITS, MOST_FAULTY, USUAL_SIZE
 from recon_readers._time_order import Times, in_order
 
 EARLIEST_NS: Final = 946_684_800 * 1_000_000_000

@@ -18,7 +18,7 @@ from recon.rows import Metric, warning
 from recon.schema import Schema, group_of, spread
 from recon.tables import Array, build
 from recon_readers._columns import kept
-from recon_readers._csv_streams import LIMITS
+from recon_readers._limits import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
 WHOLE: Final = ("fix", "satellites")

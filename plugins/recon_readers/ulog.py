@@ -33,7 +33,7 @@ from recon.rows import Metric, warning
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams
 from recon_readers._arrays import interleave
-from recon_readers._autopilot import GAUSS, LONGEST_NS, WRITES, Log, attitude, pose
+from recon_readers._autopilot import GAUSS, GNSS_FACTS, LONGEST_NS, WRITES, Log, attitude, pose, positive
 from recon_readers._time_order import Times
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -162,10 +162,7 @@ def _gnss(found: Mapping[tuple[str, int], Data], log: Log) -> None:
     for (name, number), data in sorted(found.items()):
         if name == topic:
             columns = _fix(data)
-            log.add("gnss", f"{name} {number}", _times(data), columns, **_DATUMS)
-
-
-_DATUMS: Final = {"height_datum": "mean_sea_level", "heading_kind": "course_true"}
+            log.add("gnss", f"{name} {number}", _times(data), columns, **GNSS_FACTS)
 
 
 def _fix(data: Data) -> dict[str, Array]:
@@ -176,7 +173,7 @@ def _fix(data: Data) -> dict[str, Array]:
         scales = zip(_PLACE, ("lat", "lon", "alt"), (1e7, 1e7, 1e3), strict=True)
         place = {name: _numbers(data, field) / scale for name, field, scale in scales}
     moving = np.where(_numbers(data, "vel_ned_valid") == 0.0, np.nan, 1.0)
-    eph, epv, speed_std = (_positive(_numbers(data, name)) for name in ("eph", "epv", "s_variance_m_s"))
+    eph, epv, speed_std = (positive(_numbers(data, name)) for name in ("eph", "epv", "s_variance_m_s"))
     columns = {
         **place,
         "speed": _numbers(data, "vel_m_s"),
@@ -197,10 +194,6 @@ def _fix(data: Data) -> dict[str, Array]:
 
 _PLACE: Final = ("lat", "lon", "height")
 _PLACE_NOW: Final = ("latitude_deg", "longitude_deg", "altitude_msl_m")
-
-
-def _positive(values: Array) -> Array:
-    return np.where(values > 0.0, values, np.nan)
 
 
 def _mag(found: Mapping[tuple[str, int], Data], log: Log) -> None:
