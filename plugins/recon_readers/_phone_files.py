@@ -83,7 +83,8 @@ class Files:
         with zipfile.ZipFile(self.path) as archive:
             member = _member(archive, name)
             if member.file_size > LARGEST:
-                raise ValueError(f"it claims {member.file_size / 1e9:.0f} GB; unpack it yourself, and cut it")
+                what = f"it would unpack to {member.file_size / 1e9:.1f} GB"
+                raise ReadFailed(self.label(name), what, hint="unpack the zip, and name its folder")
             with archive.open(member) as packed:
                 yield packed
 
