@@ -10,6 +10,7 @@ import phone_logs
 import pytest
 
 import recon
+import recon_readers._phone_files
 from recon.errors import DataError, ReadFailed
 from recon.recording import Recording
 from recon.rows import warnings_of
@@ -252,3 +253,35 @@ def test_samples_of_gnsslogger(logs: Path) -> None:
 def test_a_run_names_what_the_sample_lacks(logs: Path, tmp_path: Path, sample: str, lacks: str) -> None:
     with pytest.raises(DataError, match=lacks):
         recon.run("best_accuracy", logs / "formats" / sample, out=tmp_path / "run")
+
+
+# --- zips that mean harm ----------------------------------------------------------------------------------------------
+
+
+def test_a_zip_that_would_unpack_to_more_than_a_gigabyte_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "bomb.zip"
+    path.write_bytes(phone_logs.zipped(phone_logs.sensor_logger(LOG)))
+    monkeypatch.setattr(recon_readers._phone_files, "LARGEST", 5000)
+    with pytest.raises(ReadFailed, match="would unpack to"):
+        recon.read(path)
+
+
+def test_paths_that_lead_out_of_a_zip_lead_nowhere(tmp_path: Path) -> None:
+    files = {f"../{name}": text for name, text in phone_logs.sensor_logger(LOG).items()}
+    path = tmp_path / "in" / "drive.zip"
+    path.parent.mkdir()
+    path.write_bytes(phone_logs.zipped(files))
+    assert recon.read(path)["imu"].num_rows
+    assert [file.name for file in tmp_path.iterdir()] == ["in"]
+
+
+def test_a_table_of_phyphox_deep_in_a_folder_makes_it_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "logs" / "others").mkdir(parents=True)
+    (tmp_path / "logs" / "notes.txt").write_text("hello")
+    for name, text in phone_logs.phyphox(LOG).items():
+        if "/" not in name:
+            (tmp_path / "logs" / "others" / name).write_text(text, encoding="utf-8")
+    with pytest.raises(ReadFailed, match="this is a folder"):
+        recon.read(tmp_path / "logs")
