@@ -62,4 +62,5 @@ _HEAD = ("vehicle", "drive", "sigma of position", "warnings")
 
 def _worst(row: dict[str, Any]) -> Sequence[str]:
     sigma = "unknown" if row["pos_std"] is None else f"{row['pos_std']:.2f} m"
-    return (row["vehicle"], row["drive"], sigma, str(row["warnings"]))
+    vehicle, drive = (row[key].replace("\n", r"\n") for key in ("vehicle", "drive"))
+    return (vehicle, drive, sigma, str(row["warnings"]))

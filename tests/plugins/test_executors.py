@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import platform
+
 import pytest
 
 from recon.jobs import DIED, Outcome
@@ -35,6 +37,23 @@ class Threaded(Calm):
         return Outcome(self.key, text=os.environ["OMP_NUM_THREADS"])
 
 
+class Allocating(Calm):
+    """Takes 20 MB in arrays, gives them back and takes them again: pages of 4 kB that were new the second time."""
+
+    def run(self) -> Outcome:
+        import resource
+
+        import numpy as np
+
+        new = []
+        for _ in range(2):
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            held = [np.ones(250_000) for _ in range(10)]
+            new.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+            del held
+        return Outcome(self.key, text=str(new[1]))
+
+
 class Chatty(Calm):
     def run(self) -> Outcome:
         import os
@@ -55,6 +74,16 @@ def outcomes(*jobs, **params) -> list[Outcome]:
 def test_numeric_libraries_have_one_thread_unless_told_otherwise():
     assert [found.text for found in outcomes(Threaded(0), workers=1)] == ["1"]
     assert [found.text for found in outcomes(Threaded(0), workers=1, threads=3)] == ["3"]
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the setting is one of glibc")
+def test_memory_that_was_given_back_is_taken_again_without_new_pages(monkeypatch: pytest.MonkeyPatch):
+    """20 MB are 4880 pages."""
+    (found,) = outcomes(Allocating(0), workers=1)
+    assert int(found.text) < 500
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
+    (found,) = outcomes(Allocating(0), workers=1)
+    assert int(found.text) > 4000, "what the user has set himself counts"
 
 
 def test_the_outcome_of_a_dead_job_tells_how_it_ended_and_its_last_words():
