@@ -19,7 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -211,25 +213,30 @@ def memory(folder: Path, count: int) -> None:
     print("driver: " + ", ".join(f"{peak:.0f} MB for {jobs} jobs" for jobs, peak in peaks.items()))
 
 
+@contextmanager
+def told(what: str) -> Iterator[None]:
+    """Print how long the block took, and how much of it this process was at work: the disk and others are the rest."""
+    started, worked = time.perf_counter(), time.process_time()
+    yield
+    took = f"{time.perf_counter() - started:.1f} s, {time.process_time() - worked:.1f} s of it processor time"
+    print(f"{what}: {took}", flush=True)
+
+
 def planning(folder: Path, count: int) -> None:
     write_files(folder, count)
     file = batch_file(folder, "thesis", "results")
-    started = time.perf_counter()
-    fleet = driver.load(file, idle(), "idle")
-    print(f"globbing and planning of {count} files: {time.perf_counter() - started:.1f} s (goal 20 s)")
+    with told(f"globbing and planning of {count} files (goal 20 s)"):
+        fleet = driver.load(file, idle(), "idle")
     write_finished(folder, fleet)
-    started = time.perf_counter()
-    driver.run(fleet, quiet)
-    print(f"resume and compaction of {count} results of which nothing is known: {time.perf_counter() - started:.1f} s")
-    started = time.perf_counter()
-    report = driver.run(driver.load(file, idle(), "idle"), quiet)
+    with told(f"resume and compaction of {count} results of which nothing is known"):
+        driver.run(fleet, quiet)
+    with told(f"resume over {count} finished jobs, planning included (goal 30 s)"):
+        report = driver.run(driver.load(file, idle(), "idle"), quiet)
     assert report.kept == count
-    print(f"resume over {count} finished jobs: {time.perf_counter() - started:.1f} s (goal 30 s)")
     shutil.rmtree(folder / "results" / next(iter(fleet.drives)).key)
-    started = time.perf_counter()
-    report = driver.run(driver.load(file, idle(), "idle"), quiet)
+    with told("the same where one is made anew, with compaction"):
+        report = driver.run(driver.load(file, idle(), "idle"), quiet)
     assert report.done == 1
-    print(f"the same where one is made anew, with compaction: {time.perf_counter() - started:.1f} s")
 
 
 def write_finished(folder: Path, fleet: driver.Fleet) -> None:
