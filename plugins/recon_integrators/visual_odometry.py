@@ -82,8 +82,12 @@ _LONGEST_S: Final = 1.0
 """Images further apart are not compared."""
 _CLEAR: Final = 3e-3
 """Least eigenvalue of a corner in OpenCV's units, gradients of 1.8 grey levels a pixel: noise in the dark has less."""
-_WINDOW, _LEVELS, _CLOSEST_PX = (15, 15), 3, 10.0
-"""Of the tracker: pixels, halvings; distance between corners."""
+_WINDOW, _LEVELS, _CLOSEST_PX = (11, 11), 3, 10.0
+"""Of the tracker: pixels, halvings; distance between corners.
+
+Coming nearer, the road grows, at the lower edge of a window more than at the upper one, which looks like a slow climb:
+by 0.37 deg in windows of 21 pixels, 0.26 of 15, 0.20 of 11. In smaller ones the noise grows.
+"""
 
 
 class VisualOdometryParams(Params):
