@@ -197,8 +197,7 @@ class Trajectory:
     def _poses(self, t_ns: NDArray[np.int64]) -> Poses:
         own = time_ns(self.table)
         if not len(own) or t_ns.min(initial=own[0]) < own[0] or t_ns.max(initial=own[-1]) > own[-1]:
-            span = f"from {self.table['time'][0]} to {self.table['time'][-1]}" if len(own) else "over no row"
-            raise DataError(f"a time lies outside the trajectory, which runs {span}")
+            raise _outside(t_ns, own)
         since, at = (own - own[0]) * 1e-9, (t_ns - own[0]) * 1e-9
 
         def between(group: str) -> Array:
@@ -227,13 +226,31 @@ def _names_frame(one: Any) -> bool:
     return isinstance(one, str) and one.startswith("#") and one[1:].isdecimal() and one.isascii()
 
 
+def _outside(t_ns: NDArray[np.int64], own: NDArray[np.int64]) -> DataError:
+    if not len(own):
+        return DataError("the trajectory has no rows, so no time lies inside")
+    first = t_ns[(t_ns < own[0]) | (t_ns > own[-1])][0]
+    asked, start, stop = (f"{moment.view('datetime64[ns]')} UTC" for moment in (first, own[0], own[-1]))
+    lasts = f"{(own[-1] - own[0]) * 1e-9:.9f}".rstrip("0").rstrip(".")
+    return DataError(
+        f"the time {asked} lies outside the trajectory, which runs from {start} to {stop}",
+        f"after its first row that is from '0s' to '{lasts}s'",
+    )
+
+
 def _since_1970(one: Any, start: int) -> int:
     """A time in ns since 1970; seconds count from `start` in ns. Raises DataError for what is no time."""
     try:
         found = _nanoseconds(one, start)
     except (TypeError, ValueError, OverflowError) as error:
-        raise DataError(f"{shortened(repr(one))} is no time", HINT) from error
+        hint = f"with a unit it is one: '{one}s' after the first row" if _bare(one) else HINT
+        raise DataError(f"{shortened(repr(one))} is no time", hint) from error
     return min(max(found, -LAST_NS), LAST_NS)  # what int64 cannot hold is outside of every trajectory
+
+
+def _bare(one: Any) -> bool:
+    """Is it the text of a number, without a unit?"""
+    return isinstance(one, str) and one.replace(".", "", 1).isdecimal() and one.isascii()
 
 
 def _nanoseconds(one: Any, start: int) -> int:

@@ -92,12 +92,18 @@ def test_people_get_a_table(folder: Path, capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize(
     ("start", "told"),
-    [("#99", "there is no frame #99; there are #0 to #30"), ("noon", "'noon' is no time"), ("301s", "outside the")],
+    [
+        ("#99", "there is no frame #99; there are #0 to #30"),
+        ("noon", "'noon' is no time"),
+        ("12.5", "with a unit it is one: '12.5s' after the first row"),
+        ("301s", "the time 2019-11-26T10:05:01.000000000 UTC lies outside the trajectory"),
+        ("-1s", "after its first row that is from '0s' to '300s'"),
+    ],
 )
 def test_what_cannot_be_measured_is_one_sentence(
     folder: Path, start: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["measure", str(folder), "--from", start, "--to", "0s"]) == 4
+    assert main(["measure", str(folder), f"--from={start}", "--to", "0s"]) == 4
     assert told in capsys.readouterr().err
 
 
