@@ -197,7 +197,7 @@ def test_in_an_outage_without_wheels_a_camera_halves_the_error(tmp_path):
     """The benchmark has more drives; on this one the error falls to a third."""
     from benchmarks import camera
 
-    made = camera.drive(4)
+    made = camera.drive(1)
     (without, _), (beside, _) = (camera.errors(made, visual, None) for visual in (None, camera.motions(made, tmp_path)))
     assert without > 0.5
     assert beside <= 0.5 * without
