@@ -28,10 +28,6 @@ LOOK_S: Final = 0.05
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS")
 """Numeric libraries whose threads are counted by the environment: <name>_NUM_THREADS."""
 
-_ALLOCATOR: Final = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(512 << 20)}
-"""For glibc, others do not know them: arrays that one drive gives back serve the next. Else the system takes their
-pages away and clears new ones for it, which many processes at once pay most for. 32 MiB is the most that it allows."""
-
 
 class Worker:
     """Runs jobs in another process, which is started again when it has ended. `stop` may come from another thread.
@@ -149,7 +145,6 @@ class _Watch:
 
 def _started(threads: int, errors: int) -> subprocess.Popen[bytes]:
     environment = {
-        **_ALLOCATOR,
         **os.environ,
         **{f"{library}_NUM_THREADS": str(threads) for library in _THREADS},
         "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
