@@ -67,6 +67,9 @@ _TINY: Final = float(np.finfo(np.float64).tiny)
 _CRUISING: Final = 3.0
 """m/s, from where the direction of the velocity is that of the vehicle to a degree or two."""
 
+_FEW: Final = 10
+"""Intervals, fewer of which are no sample."""
+
 
 @dataclass(frozen=True)
 class _Vectors:
@@ -166,6 +169,51 @@ def gyro_bias_from_drift(
     return bias
 
 
+def gyro_bias_from_course(increments: Increments, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
+    """The gyroscope bias of a box that is fixed in a vehicle on wheels, to begin with: arguments as of `align`.
+
+    On a level road such a vehicle turns about up alone, and as fast as its course: the rate that is felt beside is
+    bias. Up in the box is where the specific force points, both as medians over what drives at some speed. Roads that
+    are not level and noise of the velocities leave some 0.1 deg/s; where nothing but straight ways has known
+    velocities, only this tells the bias about up.
+
+    returns : (3,) rad/s, sensor, to add to the bias of the increments; zero where too little drives
+    """
+    speed = np.hypot(vel_n[0], vel_n[1])
+    drives = known & (speed > _CRUISING)
+    both = drives[1:] & drives[:-1]
+    if both.sum() < _FEW:
+        return np.zeros(3)
+    duration = increments.duration[both]
+    up = _unit(np.median(increments.velocity[:, both] / duration, axis=1))
+    course = np.arctan2(vel_n[1], vel_n[0])
+    turned = np.angle(np.exp(1j * np.diff(course)))[both]
+    felt = rotation_log(increments.rotation[..., both])
+    return np.asarray(np.median((felt - up[:, None] * turned) / duration, axis=1))
+
+
+def steadier(
+    increments: Increments,
+    more: Floats,
+    vel_n: Floats,
+    known: NDArray[np.bool_],
+    gravity_n: Floats,
+    segments: Sequence[slice],
+) -> Floats:
+    """What to add to the gyroscope bias of the increments of a box that is fixed in a vehicle: `more`, or nothing.
+
+    Aligned with the better bias, the box moves in the same direction of its own all the time. Other arguments as of
+    `align`; more : (3,) rad/s, for example of `gyro_bias_from_drift`
+    """
+
+    def strays(made: Increments) -> float:
+        rot_ns = align(made, vel_n, known, gravity_n, segments)
+        directions = _directions(rot_ns, vel_n, known)
+        return float(np.median(_length(directions - _unit(np.median(directions, axis=1))[:, None])))
+
+    return more if strays(_with_bias(increments, more)) < strays(increments) else np.zeros(3)
+
+
 def mounting(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
     """How the box is mounted, from where it moves to and where up is, both as medians over the drive.
 
@@ -174,15 +222,20 @@ def mounting(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
 
     Raises ValueError where no knot of known velocity moves.
     """
+    forward = _unit(np.median(_directions(rot_ns, vel_n, known), axis=1))
+    up = np.median(rot_ns[2], axis=1)
+    up = _unit(up - forward * (forward @ up))
+    return np.stack([forward, np.cross(up, forward), up])
+
+
+def _directions(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Where the box moves, as unit vectors of its own axes, at the knots that drive: (3, k). Raises ValueError."""
     speed = np.sqrt((vel_n * vel_n).sum(axis=0))
     fastest = float(speed[known].max(initial=0.0))
     if fastest == 0.0:
         raise ValueError("the vehicle moves at no knot with known velocity, so forward cannot be told")
     moves = known & (speed > min(_CRUISING, 0.5 * fastest))
-    forward = _unit(np.median(mtv(rot_ns[..., moves], vel_n[:, moves] / speed[moves]), axis=1))
-    up = np.median(rot_ns[2], axis=1)
-    up = _unit(up - forward * (forward @ up))
-    return np.stack([forward, np.cross(up, forward), up])
+    return mtv(rot_ns[..., moves], vel_n[:, moves] / speed[moves])
 
 
 def pseudo_velocity(increments: Increments, speed: Floats, segments: Sequence[slice]) -> Floats:

@@ -62,7 +62,7 @@ def start_state(smoother: Smoother) -> State:
     vel_n, known = knot_velocities(drive, knots, increments, segments)
     pull_n = gravity_n(np.zeros((3, 1)), drive.anchor)[:, 0]
     if not stands:
-        state = _resting(len(knots), alignment.gyro_bias_from_drift(increments, vel_n, known, pull_n, segments))
+        state = _resting(len(knots), _driven_bias(smoother, increments, (vel_n, known, pull_n, segments)))
         increments = smoother.increments(state)
     rot_ns = alignment.align(increments, vel_n, known, pull_n, segments)
     if smoother.model.first_attitude is None and not _moves_much(smoother):
@@ -104,6 +104,17 @@ def continued(smoother: Smoother, state: State) -> State:
 def _moves_much(smoother: Smoother) -> bool:
     """Is it fast for a fair part of the time, so that its course is its heading even where that never changes?"""
     return bool((smoother.motion[1] > MOVING).mean() > _MOVES_MUCH) if len(smoother.motion[1]) else False
+
+
+def _driven_bias(
+    smoother: Smoother, increments: Increments, seen: tuple[Floats, NDArray[np.bool_], Floats, list[slice]]
+) -> Floats:
+    """Bias of the gyroscopes, (3,) rad/s, of a drive without a stop. increments : with none; seen : as `align` takes"""
+    if not smoother.model.wheels:
+        return alignment.gyro_bias_from_drift(increments, *seen)
+    bias = alignment.gyro_bias_from_course(increments, *seen[:2])
+    increments = smoother.increments(_resting(len(smoother.drive.samples.knot_times), bias))
+    return bias + alignment.steadier(increments, alignment.gyro_bias_from_drift(increments, *seen), *seen)
 
 
 def _resting(knots: int, gyro_bias: Floats) -> State:

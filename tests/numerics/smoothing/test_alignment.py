@@ -51,12 +51,14 @@ class Run:
         return np.median(self.samples.gyro_s[self.still], axis=0)
 
 
-def simulate(drive: Drive, seconds: float, rot_vs: np.ndarray, seed: int, start_s: float = 0.0) -> Run:
+def simulate(
+    drive: Drive, seconds: float, rot_vs: np.ndarray, seed: int, start_s: float = 0.0, bias_size: float = GYRO_BIAS
+) -> Run:
     """A box of 0.01 deg/s/sqrt(Hz), 150 ug/sqrt(Hz) and 20 mg at 100 Hz, and GNSS velocities at the knots."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(0.0, seconds + 0.005, 0.01)
     truth = drive.at(t_s + start_s)
-    bias = GYRO_BIAS * unit(rng.normal(size=3))
+    bias = bias_size * unit(rng.normal(size=3))
     gyro = truth.gyro_v @ rot_vs + bias + rng.normal(0.0, np.radians(0.1), truth.gyro_v.shape)
     accel = specific_force(truth) @ rot_vs + 0.2 * unit(rng.normal(size=3))
     samples = regular_samples(t_s, gyro, accel + rng.normal(0.0, 0.015, gyro.shape))
@@ -101,6 +103,16 @@ def never_stopping(number: int, seconds: float = 300.0) -> Run:
     return simulate(drive, seconds, box(number), number, start_s=12.0)
 
 
+def turning_unseen(number: int) -> Run:
+    """Straight ways of 36 s at 15 m/s, with turns between in which no velocity is known, and 3 deg/s of bias."""
+    bend = np.pi / 180.0
+    ways = [Segment(36.0, 15.0), Segment(2.0, 15.0, bend), Segment(10.0, 15.0, bend), Segment(2.0, 15.0)]
+    drive = Drive((Segment(10.0, 15.0), *(5 * ways), Segment(10.0, 0.0)))
+    run = simulate(drive, 250.0, box(number), number, start_s=10.0, bias_size=np.radians(3.0))
+    run.known[run.samples.knot_times % 50.0 > 35.0] = False
+    return run
+
+
 def unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
@@ -136,6 +148,40 @@ def test_they_are_found_without_any_stop_for_every_mounting(number):
     assert errors.max() < 10.0
     assert errors.mean() < 5.0
     assert angle_deg(alignment.mounting(rot_ns, run.vel_n, run.known), run.rot_vs) < 5.0
+
+
+@pytest.mark.parametrize("number", range(24))
+def test_the_course_tells_the_bias_of_a_box_in_a_vehicle(number):
+    """Courses err by 0.5 deg at 12 m/s, so their changes in 2 s by 0.34 deg/s, and so does a slope that begins or ends:
+    a median of 150 by 0.34 * 1.25 / 12 = 0.035 on each axis, the worst of 72 by three times that; bends all to one side
+    add as much as up is off by the lean of accelerations, a degree or two of 8 deg/s."""
+    run = never_stopping(number)
+    bias = alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
+    assert np.linalg.norm(bias - run.bias) < np.radians(0.3)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_course_is_believed_where_nothing_but_straight_ways_has_known_velocities(number):
+    """The drift of the alignment cannot tell a bias about up there, for no change of velocity tells the heading."""
+    run = turning_unseen(number)
+    rest = alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
+    increments = run.increments(rest)
+    seen = (run.vel_n, run.known, GRAVITY_N, run.whole)
+    bias = rest + alignment.steadier(increments, alignment.gyro_bias_from_drift(increments, *seen), *seen)
+    assert np.linalg.norm(bias - run.bias) < np.radians(0.2)
+
+
+def test_a_better_bias_is_taken_and_a_worse_one_is_not():
+    run = never_stopping(7)
+    seen = (run.vel_n, run.known, GRAVITY_N, run.whole)
+    assert np.array_equal(alignment.steadier(run.increments(np.zeros(3)), run.bias, *seen), run.bias)
+    assert not alignment.steadier(run.increments(run.bias), run.bias, *seen).any()
+
+
+def test_a_course_that_is_hardly_known_tells_no_bias():
+    run = never_stopping(8)
+    run.known[9:] = False
+    assert not alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known).any()
 
 
 def test_chain_carries_the_heading_through_an_outage_and_nothing_unknown_is_looked_at():
