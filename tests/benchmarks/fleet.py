@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -86,13 +87,55 @@ def spent() -> float:
     return getattr(times, "children_user", 0.0) + getattr(times, "children_system", 0.0)
 
 
+@dataclass(frozen=True)
+class Counting:
+    """A job that only computes: it needs neither memory nor disk."""
+
+    key: str
+    timeout: float | None = None
+    memory: int | None = None
+
+    def run(self) -> Outcome:
+        total = 0
+        for number in range(8_000_000):
+            total += number
+        return Outcome(self.key)
+
+    def lost(self, code: str, text: str) -> Outcome:
+        return Outcome(self.key, code, text)
+
+
+def scaling_of_computing() -> None:
+    """The executor alone: jobs of some tenths of a second, in rounds of one worker and of all, against their noise."""
+    import fleet  # as workers know this module
+
+    from recon_executors.local import LocalParams, local
+
+    cores, found = core_count(), []
+    for _ in range(5):
+        each = {}
+        for workers in (1, cores):
+            jobs = [fleet.Counting(str(number)) for number in range(32 * workers)]
+            started = time.perf_counter()
+            assert all(outcome.ok for outcome in local(jobs, LocalParams(workers=workers)))
+            each[workers] = (time.perf_counter() - started) / len(jobs)
+        found.append(each[1] / each[cores] / cores)
+    told = ", ".join(f"{share:.2f}" for share in sorted(found))
+    print(f"jobs that only compute, {cores} workers against one: {told} W (goal 0.85 W)", flush=True)
+
+
+def core_count() -> int:
+    return len(psutil.Process().cpu_affinity()) if hasattr(psutil.Process, "cpu_affinity") else psutil.cpu_count()
+
+
 def scaling(folder: Path) -> None:
     """Beside it what the machine allows: as many batches of one worker at once that know nothing of each other.
 
     Workers are begun inside the time that counts, so drives are long enough for that not to matter. Where a drive takes
     more processor time on all cores than on one, it waits for memory or cache that they share.
     """
-    cores = len(psutil.Process().cpu_affinity()) if hasattr(psutil.Process, "cpu_affinity") else psutil.cpu_count()
+    scaling_of_computing()
+    cores = core_count()
     for pipeline, seconds in (("best_accuracy", 600.0), ("smartphone", 3600.0), ("thesis", 3600.0)):
         place = folder / pipeline
         parts = [place / f"part{number}" for number in range(cores)]
