@@ -118,16 +118,15 @@ def _tried(
 
 def _verdict(before: Trial, after: Trial) -> str:
     """Whether the cure helped, in numbers."""
+    from recon.trial import SPAN_S
+
     if before.error and after.error:
         return f"it could not be tried: {after.error}"
     rows = [
         ("tried", *_BOTH),
         ("warnings not to trust it", *(one.error or str(one.doubts) for one in (before, after))),
-        ("turning that nothing explains", *(_amount(one.gyro_noise, "deg/s/sqrt(Hz)") for one in (before, after))),
-        (
-            "acceleration that nothing explains",
-            *(_amount(one.accel_noise, "m/s^2/sqrt(Hz)") for one in (before, after)),
-        ),
+        (f"turning in {SPAN_S:g} s that nothing explains", *(_amount(one.turning, "deg") for one in (before, after))),
+        (f"push in {SPAN_S:g} s that nothing explains", *(_amount(one.pushing, "m/s") for one in (before, after))),
     ]
     if after.better_than(before):
         told = "the drive fits as well or better when it is put right"

@@ -8,16 +8,16 @@ from recon.trial import Trial, try_out
 
 
 def test_a_drive_that_fuser_map_trusts_is_better_than_one_that_it_doubts():
-    doubted, trusted = Trial(doubts=1, gyro_noise=0.1, accel_noise=0.1), Trial(gyro_noise=0.2, accel_noise=0.2)
+    doubted, trusted = Trial(doubts=1, turning=0.1, pushing=0.1), Trial(turning=0.2, pushing=0.2)
     assert trusted.better_than(doubted)
     assert not doubted.better_than(trusted)
 
 
-def test_where_both_are_trusted_neither_noise_may_grow_by_more_than_a_tenth():
-    before = Trial(gyro_noise=1.0, accel_noise=1.0)
-    assert Trial(gyro_noise=0.3, accel_noise=1.05).better_than(before)
-    assert not Trial(gyro_noise=0.3, accel_noise=1.2).better_than(before)
-    assert Trial(gyro_noise=None, accel_noise=0.9).better_than(before)
+def test_where_both_are_trusted_neither_error_may_grow_by_more_than_a_tenth():
+    before = Trial(turning=1.0, pushing=1.0)
+    assert Trial(turning=0.3, pushing=1.05).better_than(before)
+    assert not Trial(turning=0.3, pushing=1.2).better_than(before)
+    assert Trial(turning=None, pushing=0.9).better_than(before)
 
 
 def test_what_cannot_be_run_is_no_better_and_says_why(tmp_path: Path):

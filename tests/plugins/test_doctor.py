@@ -193,7 +193,7 @@ def test_a_mapping_with_other_axes_and_another_sign_is_cured_as_a_whole_and_trie
     assert "aligner.axes" not in fixed.read_text()
     before, after = told["trial"]["as it is"], told["trial"]["put right"]
     assert before["doubts"] > after["doubts"] == 0
-    assert after["gyro_noise"] < 0.2 * before["gyro_noise"]
+    assert after["turning"] < 0.2 * before["turning"]
 
 
 def test_a_late_speed_that_needs_no_cure_is_told_so(capsys, logs):
