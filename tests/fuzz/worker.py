@@ -1,6 +1,8 @@
 """Runs the cases of one target in this process, which may die of one: `worker.py TARGET FIRST LAST`.
 
-Before a case it prints `case SEED`, behind it `ok`, `refused` or `failed WHY`; a traceback goes to standard error.
+Before a case it prints `case SEED`, behind it `SECONDS MB ok`, `SECONDS MB refused` or `SECONDS MB failed WHY`: how long
+the case took, and the most that the process has held so far beyond what it held before the first. A traceback goes to
+standard error.
 A case that takes longer than LONGEST_S ends the process with a traceback of where it was.
 """
 
@@ -9,6 +11,7 @@ from __future__ import annotations
 import faulthandler
 import sys
 import tempfile
+import time
 import traceback
 from pathlib import Path
 from random import Random
@@ -36,13 +39,16 @@ def main() -> None:
     samples = target.samples()
     if resource is not None:
         _limit_memory()
+    before = _peak()
     for seed in range(first, last + 1):
         print(f"case {seed}", flush=True)
         with tempfile.TemporaryDirectory() as scratch:
             place = damaged(samples, Random(f"{name} {seed}"), Path(scratch))
             faulthandler.dump_traceback_later(LONGEST_S, exit=True)
-            print(outcome(target, place), flush=True)
+            start = time.perf_counter()
+            came = outcome(target, place)
             faulthandler.cancel_dump_traceback_later()
+            print(f"{time.perf_counter() - start:.3f} {(_peak() - before) / 1e6:.0f} {came}", flush=True)
 
 
 def damaged(samples: list[Sample], rng: Random, folder: Path) -> Path:
