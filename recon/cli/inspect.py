@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -88,11 +89,22 @@ def _described(found: Run, paths: list[str]) -> dict[str, Any]:
         told["pipeline"] = found.manifest["pipeline"]["name"]
     elif found.metrics is not None:
         told["learnt"] = found.metrics.to_pylist()
-    streams = {name: _stream(table) for name, table in found.recording.items() if name != "metrics" or found.folder}
-    return {**told, "warnings": found.warnings, "streams": streams}
+    shown = {name: table for name, table in found.recording.items() if name != "metrics" or found.folder}
+    zero_ns = _beginning(shown)
+    return {**told, "warnings": found.warnings, "streams": {name: _stream(shown[name], zero_ns) for name in shown}}
 
 
-def _stream(table: pa.Table) -> dict[str, Any]:
+def _beginning(streams: Mapping[str, pa.Table]) -> int | None:
+    """First time in ns of a log whose clock was never set, None of one that tells dates."""
+    from recon.tables import meta, time_ns
+
+    timed = [table for table in streams.values() if table.num_rows and "time" in table.column_names]
+    if not any(meta(table).get("clock") == "relative" for table in timed):
+        return None
+    return min(int(time_ns(table).min()) for table in timed)
+
+
+def _stream(table: pa.Table, zero_ns: int | None) -> dict[str, Any]:
     from recon.tables import meta, schema_of
 
     columns = [
@@ -106,11 +118,14 @@ def _stream(table: pa.Table) -> dict[str, Any]:
         }
         for column in schema_of(table).columns
     ]
-    return {"rows": table.num_rows, **_times(table), "facts": meta(table), "columns": columns}
+    return {"rows": table.num_rows, **_times(table, zero_ns), "facts": meta(table), "columns": columns}
 
 
-def _times(table: pa.Table) -> dict[str, Any]:
-    """First and last time, s between them, Hz, gaps; rate and gaps only of streams whose time rises."""
+def _times(table: pa.Table, zero_ns: int | None) -> dict[str, Any]:
+    """First and last time, s between them, Hz, gaps; rate and gaps only of streams whose time rises.
+
+    Times are dates, or s since the beginning of the log, zero_ns, where its clock was never set.
+    """
     import numpy as np
 
     from recon.numerics.signals import median_rate
@@ -120,7 +135,11 @@ def _times(table: pa.Table) -> dict[str, Any]:
         return {}
     t_ns = time_ns(table)
     first, last = int(t_ns.min()), int(t_ns.max())
-    told = {"first": _iso(first), "last": _iso(last), "span_s": (last - first) * 1e-9}
+    told: dict[str, Any] = {"span_s": (last - first) * 1e-9}
+    if zero_ns is None:
+        told |= {"first": _iso(first), "last": _iso(last)}
+    else:
+        told |= {"first_s": (first - zero_ns) * 1e-9, "last_s": (last - zero_ns) * 1e-9}
     steps = np.diff(t_ns)
     if not len(steps) or steps.min() <= 0 or "kind" in table.column_names:
         return told
@@ -156,6 +175,8 @@ def _stream_line(stream: dict[str, Any]) -> str:
     parts = [f"{stream['rows']:,} rows"]
     if "first" in stream:
         parts.append(f"{stream['first']} to {stream['last']} ({stream['span_s']:.3f} s)")
+    elif "first_s" in stream:
+        parts.append(f"{stream['first_s']:.3f} s to {stream['last_s']:.3f} s since the log's beginning")
     if "rate_hz" in stream:
         gaps = stream["gaps"]
         longest = f", the longest {gaps['longest_s']:.3f} s" if gaps["count"] else ""

@@ -13,15 +13,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pyarrow as pa
 import pytest
 from plugin_files import install
 
 import recon
+from recon import GNSS, IMU, Recording, build
 from recon.cli import _report, main
 from recon.cli.run import default_folder
 from recon.parameters import bind
-from recon.storage import read_recording
+from recon.storage import read_recording, write_recording
+from recon.tables import with_meta
 
 PLUGIN = '''
 """Stages of another distribution: a simulator, a reader, and what can go wrong."""
@@ -508,6 +511,21 @@ def test_gaps_are_counted_and_the_longest_is_told(cli: Cli, tmp_path: Path) -> N
     assert "100 Hz, 1 gap, the longest 2.010 s\n" in cli("inspect", "box").out
     gaps = json.loads(cli("inspect", "box", "--json").out)["streams"]["imu"]["gaps"]
     assert gaps == {"count": 1, "longest_s": pytest.approx(2.01, abs=1e-9)}  # times are whole ns
+
+
+def test_times_of_a_clock_that_was_never_set_count_from_the_beginning_of_the_log(cli: Cli, tmp_path: Path) -> None:
+    boot_ns = 20_000_000_000
+    imu = build(IMU, time=boot_ns + np.arange(100) * 10_000_000, accel=np.zeros((100, 3)), gyro=np.zeros((100, 3)))
+    gnss = build(GNSS, time=boot_ns + np.array([2_500_000_000]), lat=np.array([44.5]), lon=np.array([11.3]))
+    streams = {name: with_meta(table, clock="relative") for name, table in (("imu", imu), ("gnss", gnss))}
+    write_recording(Recording(streams), tmp_path / "log", "parquet")
+    ended = cli("inspect", "log")
+    assert "imu: 100 rows, 0.000 s to 0.990 s since the log's beginning, 100 Hz, no gaps\n" in ended.out
+    assert "gnss: 1 rows, 2.500 s to 2.500 s since the log's beginning\n" in ended.out
+    assert "1970" not in ended.out
+    told = json.loads(cli("inspect", "log", "--json").out)["streams"]["gnss"]
+    assert (told["first_s"], told["last_s"], told["span_s"]) == (2.5, 2.5, 0.0)
+    assert "first" not in told
 
 
 def test_a_file_that_no_reader_knows_is_exit_4(cli: Cli, tmp_path: Path) -> None:

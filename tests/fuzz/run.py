@@ -60,7 +60,9 @@ def stretch(target: str, first: int, last: int, worker: Path) -> dict[int, Outco
         lines = ended.stdout.splitlines()
         if not lines:
             raise SystemExit(f"the worker did not start:\n{ended.stderr}")
-        outcomes |= {int(case.split()[1]): Outcome.of(came) for case, came in zip(lines[::2], lines[1::2], strict=False)}
+        outcomes |= {
+            int(case.split()[1]): Outcome.of(came) for case, came in zip(lines[::2], lines[1::2], strict=False)
+        }
         if len(lines) % 2:
             died = int(lines[-1].split()[1])
             outcomes[died] = Outcome(f"failed its process ended with {ended.returncode}: {ended.stderr[-2000:]}")
