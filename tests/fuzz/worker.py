@@ -1,6 +1,6 @@
 """Runs the cases of one target in this process, which may die of one: `worker.py TARGET FIRST LAST`.
 
-Before a case it prints `case SEED`, behind it `SECONDS MB ok`, `SECONDS MB refused` or `SECONDS MB failed WHY`: how long
+Before a case it prints `case SEED`, behind it `SECONDS MB ok`, `... refused` or `... failed WHY`: how long
 the case took, and the most that the process has held so far beyond what it held before the first. A traceback goes to
 standard error.
 A case that takes longer than LONGEST_S ends the process with a traceback of where it was.
