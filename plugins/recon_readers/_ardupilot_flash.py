@@ -28,7 +28,7 @@ from recon_readers._autopilot import (
     positive,
     sigmas_of,
 )
-from recon_readers._time_order import Times
+from recon_readers._time_order import Times, median_ns
 
 _KINDS: Final[Mapping[str, tuple[str, ...]]] = {
     "imu": ("IMU", "IMU2", "IMU3"),
@@ -98,7 +98,7 @@ def _flash_utc(gps: _dataflash.Table | None, log: Log) -> int | None:
     if not known.any():
         return None
     gps_ns = GPS_EPOCH_NS + gps.integers(week)[known] * WEEK_NS + gps.integers(ms)[known] * 1_000_000
-    offset = int(np.median(gps_to_utc(gps_ns) - _boot_ns(gps)[known]))
+    offset = median_ns(gps_to_utc(gps_ns) - _boot_ns(gps)[known])
     log.learnt.append(Metric("utc_minus_boot", offset * 1e-9, "s", note=f"by {int(known.sum())} rows of GPS"))
     return offset
 

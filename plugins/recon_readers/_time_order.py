@@ -47,6 +47,12 @@ def in_order(t_ns: Times, missing: Mask) -> Mask:
     return usable
 
 
+def median_ns(times_ns: Times) -> int:
+    """The median of (n,) ns since an epoch to the ns, which doubles of them would round to 256 ns."""
+    first = int(times_ns[0])
+    return first + round(float(np.median(times_ns - first)))
+
+
 def never_falling(t_ns: Times, usable: Mask) -> Times:
     """The times with those that cannot be used replaced by one beside them: (n,) ns.
 

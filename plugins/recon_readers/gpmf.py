@@ -36,7 +36,7 @@ from recon_readers._arrays import interleave
 from recon_readers._gpmf_payloads import WANTED, Data, Place, is_mp4, measurements, payloads
 from recon_readers._lines import COPIED
 from recon_readers._streams import Source, stream
-from recon_readers._time_order import Times, in_order, repeating
+from recon_readers._time_order import Times, in_order, median_ns, repeating
 from recon_readers._time_text import moments
 
 AXES: Final = "XYZ"
@@ -212,7 +212,7 @@ def _utc_zero(found: dict[str, _Parts], series: dict[str, _Series]) -> int | Non
     if "GPS9" in series:
         t_ns, values = series["GPS9"]
         fixed = values[:, 8] >= 2.0
-        return int(np.median((_own_utc(values) - t_ns)[fixed])) if fixed.any() else None
+        return median_ns((_own_utc(values) - t_ns)[fixed]) if fixed.any() else None
     offsets, row = [], 0
     for _, data in found.get("GPS5", []):
         stamp = data.text("GPSU")
@@ -221,7 +221,7 @@ def _utc_zero(found: dict[str, _Parts], series: dict[str, _Series]) -> int | Non
         if (data.whole("GPSF") or 0) >= 2 and good[0]:
             offsets.append(int(utc_ns[0]) - int(series["GPS5"][0][row]))
         row += len(data.values)
-    return int(np.median(offsets)) if offsets else None
+    return median_ns(np.array(offsets)) if offsets else None
 
 
 def _clock(zero_ns: int | None) -> list[Metric]:

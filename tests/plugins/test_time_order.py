@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon_readers._time_order import PAUSE_NS, in_order, never_falling, pauses, repeating
+from recon_readers._time_order import PAUSE_NS, in_order, median_ns, never_falling, pauses, repeating
 
 SECOND = 1_000_000_000
 YEAR = 31_557_600 * SECOND
+
+
+def test_the_median_of_times_since_1970_is_known_to_the_nanosecond() -> None:
+    times_ns = 1_700_000_020_003_000_001 + np.array([5, 0, 1])
+    assert median_ns(times_ns) == 1_700_000_020_003_000_002
 
 
 def usable(seconds: list[float], missing: list[int] | None = None) -> list[int]:
