@@ -164,6 +164,25 @@ def tlog(seconds: float = 1.0, *, version: int = 2, autopilot: int = 3) -> bytes
     return b"".join(row for *_, row in sorted(rows, key=lambda each: each[:2]))
 
 
+def highres_imu(stamp_us: int, *, sensors: int = 1, told: bool = True, seconds: float = 1.0) -> bytes:
+    """HIGHRES_IMU at 50 Hz, stamped with `stamp_us` and the time since boot, SYSTEM_TIME at 1 Hz if it is told."""
+    from pymavlink.dialects.v20 import ardupilotmega as v2
+
+    packer = v2.MAVLink(None, srcSystem=1, srcComponent=1)
+    rows = []
+    for at in range(round(50 * seconds)):
+        t_us = BOOT_US + at * 20_000
+        felt = (*ACCEL_FRD, *GYRO_FRD, *FIELD_FRD)
+        messages = [
+            packer.highres_imu_encode(stamp_us + t_us, *felt, 1000.0, 0.0, 0.0, 20.0, 63, sensor)
+            for sensor in range(sensors)
+        ]
+        if told and at % 50 == 0:
+            messages.append(packer.system_time_encode(UTC_US + t_us, t_us // 1000))
+        rows += [struct.pack(">Q", UTC_US + t_us + 3000) + message.pack(packer) for message in messages]
+    return b"".join(rows)
+
+
 def damaged(data: bytes, places: Iterable[float], length: int = 7, fill: bytes = b"\xff") -> bytes:
     """The bytes with some of them, at these shares of their length, overwritten."""
     changed = bytearray(data)

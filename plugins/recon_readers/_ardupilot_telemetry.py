@@ -26,29 +26,35 @@ from recon_readers._autopilot import (
     positive,
     sigmas_of,
 )
-from recon_readers._time_order import Mask, Times
+from recon_readers._time_order import Mask, Times, median_ns
 
-_SENT: Final[Mapping[str, tuple[str, ...]]] = {
-    "imu": ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"),
-    "gnss": ("GPS_RAW_INT",),
-    "mag": ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"),
-    "baro": ("SCALED_PRESSURE",),
-    "reference": ("GLOBAL_POSITION_INT", "ATTITUDE"),
+_IMUS: Final = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
+_SENT: Final[Mapping[str, Mapping[str, str]]] = {
+    "imu": dict.fromkeys(_IMUS, "xacc yacc zacc xgyro ygyro zgyro"),
+    "mag": dict.fromkeys(_IMUS, "xmag ymag zmag"),
+    "gnss": {"GPS_RAW_INT": "lat lon alt vel cog fix_type satellites_visible h_acc v_acc vel_acc"},
+    "baro": {"SCALED_PRESSURE": "press_abs temperature"},
+    "reference": {"GLOBAL_POSITION_INT": "lat lon alt vx vy vz", "ATTITUDE": "roll pitch yaw"},
 }
+"""Fields of messages, by stream."""
+_CLOCKS: Final = {"HEARTBEAT": "autopilot", "SYSTEM_TIME": "time_unix_usec"}
 _ARDUPILOT: Final = 3
 """MAV_AUTOPILOT_ARDUPILOTMEGA."""
 
 
 def from_telemetry(log: Log) -> Streams:
-    names = {name for stream, sent in _SENT.items() if log.wants(stream) for name in sent}
-    found = _mavlink.walk(log.path, frozenset({*names, "HEARTBEAT", "SYSTEM_TIME"}))
+    wanted = {name: fields.split() for name, fields in _CLOCKS.items()}
+    for stream, sent in _SENT.items():
+        for name, fields in sent.items() if log.wants(stream) else ():
+            wanted[name] = [*wanted.get(name, ()), *fields.split()]
+    found = _mavlink.walk(log.path, wanted)
     tables = found.tables()
     account(log, found.damaged, "bytes that are no message")
     if found.wrong:
         log.learnt.append(Metric("checksums_wrong", float(found.wrong), note=f"of {found.frames} messages"))
     log.offset_ns = _telemetry_utc(tables, log)
     for source, table, unit in _inertial(tables, log):
-        t_ns = _sent_ns(table)
+        t_ns = _sent_ns(table, log)
         if log.wants("imu"):
             felt = {**_sent(table, "accel", "acc", unit), **_sent(table, "gyro", "gyro", unit)}
             log.add_frd("imu", source, t_ns, felt)
@@ -56,55 +62,66 @@ def from_telemetry(log: Log) -> Streams:
             log.add_frd("mag", source, t_ns, _sent(table, "mag", "mag", unit))
     if log.wants("gnss") and "GPS_RAW_INT" in tables:
         gps = tables["GPS_RAW_INT"]
-        log.add("gnss", "GPS_RAW_INT", _sent_ns(gps), _sent_gnss(gps), **GNSS_FACTS)
+        log.add("gnss", "GPS_RAW_INT", _sent_ns(gps, log), _sent_gnss(gps), **GNSS_FACTS)
     if log.wants("baro") and "SCALED_PRESSURE" in tables:
         air = tables["SCALED_PRESSURE"]
         celsius = air.numbers("temperature") / 100.0
         columns = {"pressure": air.numbers("press_abs") * 100.0, "temperature": celsius + 273.15}
-        log.add("baro", "SCALED_PRESSURE", _sent_ns(air), columns)
+        log.add("baro", "SCALED_PRESSURE", _sent_ns(air, log), columns)
     if log.wants("reference"):
         _sent_reference(tables, log)
     return log.streams(f"{found.frames} messages of MAVLink")
 
 
-def _sent_ns(table: _mavlink.Table) -> Times:
-    """(n,) ns since boot."""
-    fine = "time_usec" in (table.rows.dtype.names or ())
-    return boot_ns(table.integers("time_usec"), 1_000) if fine else _sent_ns_of_boot(table)
+def _sent_ns(table: _mavlink.Table, log: Log) -> Times:
+    """(n,) ns of the log's clock, which counts from boot; -1 where that cannot be.
+
+    What is stamped in us may be so since boot or since 1970; the size tells which (common.xml).
+    """
+    boot, utc = _stamps(table)
+    return np.where(utc >= 0, utc - (log.offset_ns or 0), boot)
+
+
+def _stamps(table: _mavlink.Table) -> tuple[Times, Times]:
+    """(n,) ns since boot and (n,) ns since 1970; -1 where a message tells the other."""
+    if "time_usec" not in table:
+        boot = boot_ns(table.integers("time_boot_ms"), 1_000_000)
+        return boot, np.full(len(boot), -1)
+    counts = table.integers("time_usec")
+    dated = (counts > _mavlink.EARLIEST_US) & (counts < _mavlink.LATEST_US)
+    return boot_ns(counts, 1_000), np.where(dated, counts * 1_000, -1)
 
 
 def _telemetry_utc(tables: Mapping[str, _mavlink.Table], log: Log) -> int | None:
-    """UTC minus boot, ns, by the autopilot, else by the ground station's clock."""
-    told = tables.get("SYSTEM_TIME")
-    if told is not None:
-        utc_us = told.integers("time_unix_usec")
-        known = (utc_us > _mavlink.EARLIEST_US) & (utc_us < _mavlink.LATEST_US) & (_sent_ns_of_boot(told) > 0)
+    """UTC minus boot, ns, by the autopilot, else by the ground station's clock.
+
+    Where no message counts from boot, the log's clock begins with its first message.
+    """
+    stamps = {name: _stamps(table) for name, table in tables.items() if name != "HEARTBEAT"}
+    if "SYSTEM_TIME" in tables:
+        utc_us, boot = tables["SYSTEM_TIME"].integers("time_unix_usec"), stamps["SYSTEM_TIME"][0]
+        known = (utc_us > _mavlink.EARLIEST_US) & (utc_us < _mavlink.LATEST_US) & (boot > 0)
         if known.any():
-            return _told(log, (utc_us * 1_000 - _sent_ns_of_boot(told))[known], "SYSTEM_TIME")
-    for name in ("ATTITUDE", "RAW_IMU", "SCALED_IMU", "GPS_RAW_INT", "SYSTEM_TIME"):
-        table = tables.get(name)
-        if table is not None:
-            boot = _sent_ns_of_boot(table) if name == "SYSTEM_TIME" else _sent_ns(table)
-            if (boot >= 0).any():
-                difference = (table.received_ns - boot)[boot >= 0]
-                return _told(log, difference, f"{name}, by the clock of the ground station")
-    return None
-
-
-def _sent_ns_of_boot(table: _mavlink.Table) -> Times:
-    return boot_ns(table.integers("time_boot_ms"), 1_000_000)
+            return _told(log, utc_us[known] * 1_000 - boot[known], "SYSTEM_TIME")
+    for name in ("ATTITUDE", *_IMUS, "GPS_RAW_INT", "SYSTEM_TIME"):
+        boot = stamps[name][0] if name in stamps else np.zeros(0, dtype=np.int64)
+        if (boot >= 0).any():
+            difference = (tables[name].received_ns - boot)[boot >= 0]
+            return _told(log, difference, f"{name}, by the clock of the ground station")
+    return min((int(utc[utc >= 0].min()) for _, utc in stamps.values() if (utc >= 0).any()), default=None)
 
 
 def _told(log: Log, difference: Times, source: str) -> int:
-    offset = int(np.median(difference))
+    offset = median_ns(difference)
     log.learnt.append(Metric("utc_minus_boot", offset * 1e-9, "s", note=f"by {len(difference)} rows of {source}"))
     return offset
 
 
 def _inertial(tables: Mapping[str, _mavlink.Table], log: Log) -> Any:
     """(name, messages, is it in SI?) of each IMU. RAW_IMU is scaled as SCALED_IMU by ArduPilot alone."""
-    if "HIGHRES_IMU" in tables:
-        yield "HIGHRES_IMU", tables["HIGHRES_IMU"], True
+    fine = [(name, table, True) for name, table in tables.items() if name.startswith("HIGHRES_IMU")]
+    if fine:
+        yield from fine
         return
     heart = tables.get("HEARTBEAT")
     is_ardupilot = heart is not None and bool((heart.integers("autopilot") == _ARDUPILOT).any())
@@ -124,7 +141,9 @@ def _sent(table: _mavlink.Table, group: str, name: str, si: bool) -> dict[str, A
     factor = (GAUSS if name == "mag" else 1.0) if si else _FACTORS[name]
     values = {f"{group}_{axis}": table.numbers(f"{axis}{name}") * factor for axis in "xyz"}
     silent = np.logical_and.reduce([column == 0.0 for column in values.values()])  # a sensor that is not there
-    return {key: np.where(silent, np.nan, column) for key, column in values.items()}
+    for column in values.values() if silent.any() else ():
+        column[silent] = np.nan
+    return values
 
 
 def _sent_gnss(table: _mavlink.Table) -> dict[str, Array]:
@@ -157,6 +176,6 @@ def _sent_reference(tables: Mapping[str, _mavlink.Table], log: Log) -> None:
     vel_ned = np.column_stack([table.numbers(name)[somewhere] / 100 for name in ("vx", "vy", "vz")])
     q = None
     if turned is not None:
-        q = _sent_ns(turned), attitude_of(*(turned.numbers(name) for name in ("roll", "pitch", "yaw")))
-    t_ns, columns, facts = pose((_sent_ns(table)[somewhere], pos_ned, vel_ned), q, anchor)
+        q = _sent_ns(turned, log), attitude_of(*(turned.numbers(name) for name in ("roll", "pitch", "yaw")))
+    t_ns, columns, facts = pose((_sent_ns(table, log)[somewhere], pos_ned, vel_ned), q, anchor)
     log.add("reference", "on-board estimate GLOBAL_POSITION_INT", t_ns, columns, **facts)

@@ -69,6 +69,9 @@ class Log:
         unknown; emptied; source : what the log calls it
         """
         sane = (t_ns >= 0) & (t_ns < LONGEST_NS)
+        if not sane.all():
+            note = f"{source}: of times that its clock cannot show, of {len(t_ns)}"
+            self.learnt.append(Metric("rows_left_out", float(np.count_nonzero(~sane)), note=note))
         t_ns = kept(t_ns, sane)
         names = self.wanted.of(stream, columns)
         chosen = valued({name: kept(columns.pop(name), sane) for name in names})

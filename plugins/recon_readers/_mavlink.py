@@ -13,7 +13,7 @@ Reference: mavlink.io/en/guide/serialization.html; message definitions common.xm
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -23,9 +23,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from recon.tables import Array
+from recon_readers._columns import Grown
 
 V1, V2 = 0xFE, 0xFD
-_WINDOW: Final = 2**24
+_WINDOW: Final = 2**22
 _LONGEST: Final = 8 + 10 + 255 + 2 + 13
 EARLIEST_US, LATEST_US = 946_684_800 * 10**6, 4_102_444_800 * 10**6
 """2000 to 2100."""
@@ -81,50 +82,82 @@ MESSAGES: Final = (
 )
 
 
-@dataclass
-class Table:
-    """The messages of one name and system: (n,) ns of reception since 1970, (n,) rows of fields."""
+_BY_NUMBER: Final = {one.number: one for one in MESSAGES}
+TIMES: Final = ("time_usec", "time_boot_ms")
+"""Fields that every message has one of, but HEARTBEAT."""
 
-    received_ns: NDArray[np.int64]
-    rows: NDArray[np.void]
+
+class Table:
+    """Fields of the messages of one name, system and sensor: (n,) each, and (n,) us of reception since 1970."""
+
+    def __init__(self, message: Message, fields: Collection[str]) -> None:
+        names = [name for name in message.fields.names or () if name in {*TIMES, *fields}]
+        self._columns = {name: Grown(message.fields[name], 1024) for name in names}
+        self._received = Grown(np.int64, 1024)
+
+    def add(self, received_us: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+        """More messages."""
+        self._received.add(received_us)
+        for name, column in self._columns.items():
+            column.add(rows[name])
+
+    def __len__(self) -> int:
+        return len(self._received.all)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._columns
+
+    @property
+    def received_ns(self) -> NDArray[np.int64]:
+        """(n,) ns since 1970 at which the messages were received."""
+        return np.asarray(self._received.all * 1000)
 
     def numbers(self, name: str) -> Array:
-        """A field as (n,) float64."""
-        return np.asarray(self.rows[name].astype(np.float64))
+        """A field as (n,) float64. It is given once and then no longer kept."""
+        return np.asarray(self._columns.pop(name).all.astype(np.float64))
 
     def integers(self, name: str) -> NDArray[np.int64]:
         """A field of whole numbers as (n,) int64."""
-        return np.asarray(self.rows[name].astype(np.int64))
+        return np.asarray(self._columns[name].all.astype(np.int64))
 
 
 @dataclass
 class Walk:
-    """What was found: messages by name and system, frames, those of a wrong checksum, places that were no frame."""
+    """What was found: messages by name, system and sensor; frames, those of a wrong checksum, places without a frame.
 
-    wanted: Mapping[int, Message]
-    parts: dict[tuple[str, int], list[Table]] = field(default_factory=dict)
+    wanted : the fields that are kept of a message, by its name
+    """
+
+    wanted: Mapping[str, Collection[str]]
+    found: dict[tuple[str, int, int], Table] = field(default_factory=dict)
     frames: int = 0
     wrong: int = 0
     damaged: int = 0
 
     def tables(self) -> dict[str, Table]:
-        """The messages by name, those of the system that sent most."""
+        """The messages of the system that sent most, by name; those of a second sensor as "NAME 2"."""
         counts: dict[int, int] = {}
-        for (_, system), parts in self.parts.items():
-            counts[system] = counts.get(system, 0) + sum(len(part.rows) for part in parts)
-        if not counts:
-            return {}
-        chosen = max(counts, key=lambda system: counts[system])
+        for (_, system, _), table in self.found.items():
+            counts[system] = counts.get(system, 0) + len(table)
+        chosen = max(counts, key=lambda system: counts[system], default=0)
         return {
-            name: Table(np.concatenate([p.received_ns for p in parts]), np.concatenate([p.rows for p in parts]))
-            for (name, system), parts in self.parts.items()
+            f"{name} {sensor + 1}" if sensor else name: table
+            for (name, system, sensor), table in sorted(self.found.items())
             if system == chosen
         }
 
+    def take(self, message: Message, system: int, received_us: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+        """Keep messages, each with those of its sensor."""
+        sensors = rows["id"] if "id" in (rows.dtype.names or ()) else np.zeros(len(rows), dtype=np.uint8)
+        for sensor in np.unique(sensors).tolist():
+            own = sensors == sensor
+            key = message.name, system, sensor
+            self.found.setdefault(key, Table(message, self.wanted[message.name])).add(received_us[own], rows[own])
 
-def walk(path: Path, names: frozenset[str]) -> Walk:
-    """All whole messages of these names."""
-    found = Walk({one.number: one for one in MESSAGES if one.name in names})
+
+def walk(path: Path, wanted: Mapping[str, Collection[str]]) -> Walk:
+    """All whole messages of these names, of each its times and these fields."""
+    found = Walk(wanted)
     with path.open("rb") as file:
         left = b""
         while data := file.read(_WINDOW):
@@ -167,7 +200,7 @@ def _take(window: bytes, found: Walk, *, last: bool) -> int:
             continue
         number, system, start, length = frame
         found.frames += 1
-        if number in found.wanted:
+        if number in _BY_NUMBER and _BY_NUMBER[number].name in found.wanted:
             places.setdefault((number, system, window[at + 8], length), array("q")).append(at)
         at = end_of(window, at, start, length)
     for (number, system, version, length), offsets in places.items():
@@ -184,7 +217,7 @@ def _next(window: bytes, at: int) -> int:
 def _gather(
     window: bytes, at: NDArray[np.int64], found: Walk, number: int, system: int, version: int, length: int
 ) -> None:
-    message = found.wanted[number]
+    message = _BY_NUMBER[number]
     head = 6 if version == V1 else 10
     data = np.frombuffer(window, dtype=np.uint8)
     frames = sliding_window_view(data, head + length + 2)[at + 8]
@@ -196,8 +229,7 @@ def _gather(
     taken = min(size, length)
     padded[:, :taken] = frames[right, head : head + taken]
     received = sliding_window_view(data, 8)[at[right]].view(">u8")[:, 0]
-    table = Table(received.astype(np.int64) * 1000, padded.view(message.fields)[:, 0])
-    found.parts.setdefault((message.name, system), []).append(table)
+    found.take(message, system, received.astype(np.int64), padded.view(message.fields)[:, 0])
 
 
 def checksum(data: NDArray[np.uint8], seed: int) -> NDArray[np.uint16]:

@@ -125,6 +125,32 @@ def test_raw_counts_of_another_autopilot_are_left_out(tmp_path: Path) -> None:
     assert any("RAW_IMU is left out" in text for text in warnings_of(streams["metrics"]))
 
 
+@pytest.mark.parametrize("told_utc", [True, False], ids=["system_time", "by_stamps_alone"])
+@pytest.mark.parametrize("stamp_us", [0, UTC_US], ids=["since_boot", "since_1970"])
+def test_stamps_of_highres_imu_count_from_boot_or_from_1970(tmp_path: Path, stamp_us: int, told_utc: bool) -> None:
+    streams = read(tmp_path / "log", made.highres_imu(stamp_us, told=told_utc))
+    # nothing but the ground station's clock, which shows 3 ms more, tells UTC of stamps since boot
+    late_ns = 3_000_000 if not told_utc and not stamp_us else 0
+    assert time_ns(streams["imu"])[:2].tolist() == [START_NS + late_ns, START_NS + late_ns + 20_000_000]
+    assert streams["imu"].num_rows == 50
+    assert meta(streams["imu"])["clock"] == "absolute"
+    np.testing.assert_array_equal(matrix(streams["imu"], "accel")[0], np.multiply(ACCEL_FRD, FLU))
+    np.testing.assert_array_equal(matrix(streams["mag"], "mag")[0], np.multiply(FIELD_FRD, FLU) * 1e-4)
+
+
+def test_each_sensor_of_highres_imu_is_a_stream(tmp_path: Path) -> None:
+    streams = read(tmp_path / "log", made.highres_imu(UTC_US, sensors=2))
+    assert {"imu", "imu_2", "mag", "mag_2"} <= set(streams)
+    assert [streams[name].num_rows for name in ("imu", "imu_2")] == [50, 50]
+    assert meta(streams["imu_2"])["source"] == "HIGHRES_IMU 2"
+
+
+def test_rows_of_times_that_no_clock_shows_are_counted(tmp_path: Path) -> None:
+    streams = read(tmp_path / "log", made.highres_imu(0) + made.highres_imu(2**60, seconds=0.1, told=False))
+    assert streams["imu"].num_rows == 50
+    assert told(streams, "rows_left_out") == [5.0, 5.0]  # of imu and of mag
+
+
 def test_logs_that_hold_nothing_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ReadFailed, match="it holds no FMT message"):
         read(tmp_path / "log", b"\xa3\x95\x80" + b"\0" * 300)
