@@ -140,13 +140,14 @@ def running_product(q: Floats) -> Floats:
     a, b = np.ones((blocks * size, *rest), complex), np.zeros((blocks * size, *rest), complex)
     a.real[:count], a.imag[:count] = q[0], q[1]
     b.real[:count], b.imag[:count] = q[2], q[3]
-    shape = (blocks, size, *rest)
-    a, b = a.reshape(shape), b.reshape(shape)
-    _accumulate(a.swapaxes(0, 1), b.swapaxes(0, 1))
-    _accumulate(a[:, -1], b[:, -1])
+    # One row for each place in a block, in contiguous memory: NumPy 1.26 takes columns for longer than they are, and
+    # rounds otherwise where another array happens to lie behind them.
+    a, b = (np.ascontiguousarray(x.reshape(blocks, size, *rest).swapaxes(0, 1)) for x in (a, b))
+    _accumulate(a, b)
+    _accumulate(a[-1], b[-1])
     if blocks > 1:
-        _multiply_onto(a[:-1, -1:], b[:-1, -1:], a[1:, :-1], b[1:, :-1])
-    a, b = a.reshape(-1, *rest)[:count], b.reshape(-1, *rest)[:count]
+        _multiply_onto(a[-1:, :-1], b[-1:, :-1], a[:-1, 1:], b[:-1, 1:])
+    a, b = (x.swapaxes(0, 1).reshape(-1, *rest)[:count] for x in (a, b))
     return np.stack([a.real, a.imag, b.real, b.imag])
 
 
