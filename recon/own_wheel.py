@@ -54,7 +54,7 @@ def from_record(found: Distribution, folder: Path) -> Path:
 
 def pip(*words: str) -> None:
     """Run pip of this Python. Raises PluginError with its last word where it fails."""
-    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *words]
+    command = [sys.executable, "-P", "-m", "pip", "--disable-pip-version-check", *words]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode:
         said = [line.strip() for line in done.stderr.splitlines() if line.strip()]

@@ -150,7 +150,7 @@ def _started(threads: int, errors: int) -> subprocess.Popen[bytes]:
         "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
     }
     return subprocess.Popen(
-        [sys.executable, "-m", "recon_executors._child"],
+        [sys.executable, "-P", "-m", "recon_executors._child"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,

@@ -106,7 +106,7 @@ def _run(path: Path, folder: Path, longest: float) -> None:
 def _started() -> subprocess.Popen[bytes]:
     paths = os.pathsep.join(part for part in sys.path if part)
     return subprocess.Popen(
-        [sys.executable, "-m", "recon_readers._mf4_file"], env={**os.environ, "PYTHONPATH": paths},
+        [sys.executable, "-P", "-m", "recon_readers._mf4_file"], env={**os.environ, "PYTHONPATH": paths},
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 

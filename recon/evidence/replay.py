@@ -83,7 +83,7 @@ def _run_as_told(
     with TemporaryDirectory(prefix="recon-replay-") as scratch:
         pipeline = Path(scratch) / "pipeline.yaml"
         pipeline.write_text(pipeline_of(manifest).to_yaml(), encoding="utf-8")
-        command = [sys.executable, "-m", "recon", "run", str(pipeline), *map(str, inputs), "--out", str(folder)]
+        command = [sys.executable, "-P", "-m", "recon", "run", str(pipeline), *map(str, inputs), "--out", str(folder)]
         command += ["--store", manifest["store"], *options]
         try:
             done = subprocess.run(command, env=told.environment(), capture_output=True, check=False)

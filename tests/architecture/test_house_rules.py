@@ -206,6 +206,19 @@ def test_the_search_for_posix_finds_what_it_should(text, count, tmp_path, monkey
     assert sum(line not in guarded_lines(path) for line, _ in posix_uses(path)) == count
 
 
+def test_modules_are_run_without_those_of_the_working_folder():
+    """`python -m` looks there first: a numpy.py beside a log, or beside a seal, would be run. -P forbids it."""
+    commands = [
+        (found(path, node.lineno, ast.unparse(node)), {ast.unparse(part) for part in node.elts})
+        for path in SOURCES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.List)
+    ]
+    modules = [(place, words) for place, words in commands if {"sys.executable", "'-m'"} <= words]
+    assert modules
+    assert [place for place, words in modules if "'-P'" not in words] == []
+
+
 def test_text_files_are_opened_with_their_encoding():
     """The default encoding is another one on Windows."""
     bare = []

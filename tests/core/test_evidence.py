@@ -28,7 +28,7 @@ from recon import api, evidence
 from recon.arithmetic import Arithmetic
 from recon.cli import main
 from recon.errors import ConfigError, DataError, Difference, PluginNotFound, ReadFailed
-from recon.evidence import archive, contents
+from recon.evidence import archive, contents, replay
 from recon.evidence.sameness import kinships, unlike, unlike_data, unlike_numbers
 from recon.evidence.verification import check_bytes
 from recon.registry import Registry, Source
@@ -279,6 +279,16 @@ def test_a_run_of_another_processor_comes_out_again_byte_by_byte(tmp_path):
     evidence.seal(tmp_path / "run", tmp_path / "run.zip")  # raises unless it comes out again byte by byte
     manifest = json.loads(contents_of(tmp_path / "run.zip")["manifest.json"])
     assert Arithmetic.from_data(manifest["environment"]["arithmetic"]) == elsewhere
+
+
+def test_a_module_beside_the_seal_is_not_run(place, tmp_path, monkeypatch):
+    """Who sends a seal may send a numpy.py with it, and have the seal ask for an arithmetic that takes a process."""
+    monkeypatch.chdir(tmp_path)
+    Path("numpy.py").write_text("open('ran', 'w').close()\n", encoding="utf-8")
+    manifest = api.open(place / "run").manifest
+    elsewhere = {**manifest["environment"], "arithmetic": older_arithmetic(Arithmetic.used()).as_data()}
+    replay.run_again({**manifest, "environment": elsewhere}, [place / "drive.txt"], Path("again"), Registry.installed())
+    assert not Path("ran").exists()
 
 
 # --- what was forged, all hashes in the file made to fit -------------------------------------------------------------

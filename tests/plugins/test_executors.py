@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from pathlib import Path
 
 import pytest
 
@@ -74,6 +75,13 @@ def outcomes(*jobs, **params) -> list[Outcome]:
 def test_numeric_libraries_have_one_thread_unless_told_otherwise():
     assert [found.text for found in outcomes(Threaded(0), workers=1)] == ["1"]
     assert [found.text for found in outcomes(Threaded(0), workers=1, threads=3)] == ["3"]
+
+
+def test_a_module_in_the_working_folder_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "psutil.py").write_text("raise SystemExit(9)\n", encoding="utf-8")
+    (tmp_path / "numpy.py").write_text("raise SystemExit(9)\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert outcomes(Threaded(0), workers=1)[0].ok
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the setting is one of glibc")
