@@ -11,7 +11,7 @@ the rest is white.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from recon.errors import DataError, NotEnoughData
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Fixes, level_rotation, positions_n
-from recon.tables import Array, has, meta, seconds, vector
+from recon.tables import Array, has, meta, seconds, vector, with_meta
 
 _TWO_DIMENSIONAL: Final = 2
 _FASTEST_S: Final = 0.1
@@ -63,8 +63,9 @@ class _Velocities:
 class Observed:
     """The fixes that are used, and where they came from.
 
-    row : (m,) of the gnss stream; drift : (3,) m, sigma of the slow error
+    row : (m,) of the receiver's stream; drift : (3,) m, sigma of the slow error
     kind : what velocities are: "vector", "course", "speed" or "none"
+    receiver : (m,) 0 for gnss, 1 and more for the others; None where there is one
     """
 
     fixes: Fixes
@@ -73,6 +74,7 @@ class Observed:
     drift: Array
     kind: str
     height: bool
+    receiver: NDArray[np.intp] | None = None
 
 
 def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Observed:
@@ -106,6 +108,11 @@ def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Obse
         share=np.clip(np.gradient(t_s) / _OWN_S, 0.0, 1.0) if len(row) > 1 else np.ones(len(row)),
     )
     return Observed(fixes, row, anchor, drift, said.kind, bool(level.any()))
+
+
+def about(gnss: pa.Table, anchor: Anchor) -> pa.Table:
+    """The rows of GNSS with the origin of the local frame."""
+    return with_meta(gnss, anchor=asdict(anchor), earth="wgs84")
 
 
 def _new_rows(gnss: pa.Table, start_ns: int) -> NDArray[np.intp]:

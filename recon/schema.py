@@ -34,6 +34,7 @@ __all__ = [
     "BARO",
     "EVENTS",
     "FRAMES",
+    "FURTHER_GNSS",
     "FURTHER_IMUS",
     "GNSS",
     "GROUND",
@@ -262,6 +263,8 @@ SEVERAL_AT_A_TIME: Final = ("residuals",)
 """Streams with a row for each component of a measurement: their times rise, but not strictly."""
 FURTHER_IMUS: Final = ("imu_2", "imu_3", "imu_4")
 """Streams of the boxes that stages take beside `imu`."""
+FURTHER_GNSS: Final = ("gnss_2", "gnss_3", "gnss_4")
+"""Streams of the receivers that stages take beside `gnss`."""
 
 
 def unnumbered(stream: str) -> str:

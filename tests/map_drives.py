@@ -14,6 +14,7 @@ from recon import Streams, matrix, meta, time_ns, vector
 from recon.arithmetic import one_thread
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.rotation import conjugate, from_euler, multiply, rotate, to_rotvec
+from recon.schema import FURTHER_GNSS
 from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -85,6 +86,7 @@ def fused(streams: Streams, edit: Callable[[Streams], Streams] | None = None, **
             wheel=given.get("wheel"),
             attitude=given.get("attitude"),
             events=given.get("events"),
+            **{name: given.get(name) for name in FURTHER_GNSS},
             params=MapParams(**params),
         )
 

@@ -162,6 +162,12 @@ def simulate(log: Log) -> Simulated:
     return Simulated(log, drive, motion, t_s, gyro_bias, accel_bias, outlier)
 
 
+def further_receiver(sim: Simulated, **changes: object) -> Fixes:
+    """What another receiver in the vehicle reports of the drive, with errors of its own. changes : of its log."""
+    log = replace(sim.log, **changes)
+    return _fixes(log, sim.motion, np.random.default_rng((log.seed, 99)), 1.0)[0]
+
+
 def _truth(motion: OnEarth, anchor: Anchor, log: Log, t_s: np.ndarray) -> Truth:
     truth = motion.at(t_s)
     pos_n = positions_n(truth.lat, truth.lon, truth.height, anchor)

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
 
-from recon import DataError, Streams, select_rows, time_ns, with_meta
+from recon import DataError, Streams, select_rows, time_ns
 from recon.aiding import AidTrust, aids_of
 from recon.driving import drive_of, measured, solve
-from recon.fixes import Observed, observe
+from recon.fixes import Observed, about, observe
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
 from recon.numerics.smoothing.arrival import Arrival
@@ -146,7 +146,7 @@ class LiveMap:
         """The drive in the window; its axes keep the origin of the first, whatever has left it since."""
         imu = measured(self.streams["imu"])
         start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
-        gnss = self.streams["gnss"] if self.anchor is None else _about(self.streams["gnss"], self.anchor)
+        gnss = self.streams["gnss"] if self.anchor is None else about(self.streams["gnss"], self.anchor)
         observed = observe(gnss, start_ns, trust_of(self.params), self.params.reported_sigmas)
         drive = drive_of(imu, self.streams.get("wheel"), observed, start_ns, fewest_fixes=fewest_fixes)
         trust = AidTrust(self.params.baro_noise, self.params.baro_walk)
@@ -260,8 +260,3 @@ class LiveMap:
         self.held, self.anchor = _Held(arrival, noise), Anchor(*kept["anchor"].tolist())
         self.since_ns, self.given_ns = kept["times_ns"].tolist()
         self.awaits = "rows that come after those it knows"
-
-
-def _about(gnss: pa.Table, anchor: Anchor) -> pa.Table:
-    """The rows of GNSS with the origin of the local frame."""
-    return with_meta(gnss, anchor=asdict(anchor), earth="wgs84")

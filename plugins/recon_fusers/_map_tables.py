@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Final
 
@@ -36,6 +37,11 @@ from recon.numerics.smoothing.state import (
 )
 
 _STANDARD_FACTS: Final = ("time_scale", "clock")
+_VELOCITIES: Final = {
+    "vector": ("vel_e", "vel_n", "vel_u"), "course": ("vel_along", "vel_across", "vel_u"),
+    "speed": ("speed", "vel_across", "vel_u"),
+}  # fmt: skip
+"""Names of the components of a velocity, by kind."""
 _OUTAGE_S: Final = 3.0
 _LEAST_OWN: Final = 0.1
 """Of the variance of a fix, what its residual keeps at least."""
@@ -114,35 +120,41 @@ def _felt(found: Estimate) -> tuple[Array, Array]:
     return out[0], out[1]
 
 
-def residuals(found: Estimate, observed: Observed, gnss: pa.Table) -> pa.Table:
+def residuals(
+    found: Estimate, observed: Observed, kinds: Mapping[str, str], receivers: Mapping[str, pa.Table]
+) -> pa.Table:
     """What every fix says less what was found, axis by axis, with the weight that it got.
 
     Of positions the slow error that was found is taken off; sigma is that of the residual, the fix's white error less
     what the solution has taken of it. Velocities that only say that it is small are left out.
+
+    kinds : of velocities, by name of the stream, in the order in which `observed.receiver` counts; receivers : rows
     """
     solved, fixes = found.solved, observed.fixes
     epochs = solved.epochs
     at = np.flatnonzero(epochs.fix >= 0)
     at = at[np.argsort(epochs.fix[at])]
-    fix = epochs.fix[at]
-    stamps, share = time_ns(gnss)[observed.row[fix]], fixes.share[fix]
-    names = {"vector": ("vel_e", "vel_n", "vel_u"), "course": ("vel_along", "vel_across", "vel_u")}
-    names["speed"] = ("speed", "vel_across", "vel_u")
-    knot = epochs.interval[at] + (solved.inside.u[at] > 0.5)
-    parts = []
-    for residual, sigma, weight, components, scale, explained in (
-        (solved.pos_residual, fixes.pos_sigma, solved.pos_weight, ("pos_e", "pos_n", "pos_u"), solved.noise.position,
-         _explained_position(found)),
+    measured = (
+        (solved.pos_residual, fixes.pos_sigma, solved.pos_weight, solved.noise.position, _explained_position(found)),
         (solved.vel_residual, np.where(fixes.small_only, np.inf, fixes.vel_sigma), solved.vel_weight,
-         names.get(observed.kind, ()), solved.noise.velocity, _explained_velocity(found)),
-    ):  # fmt: skip
-        for axis, component in enumerate(components):
-            seen = np.isfinite(sigma[axis, fix])
-            white = sigma[axis, fix[seen]] * scale[axis]
-            kept = 1.0 - explained[knot[seen], axis] * share[seen] / white**2
-            width = white * np.sqrt(np.maximum(kept, _LEAST_OWN))
-            value = -residual[axis, at[seen]] / np.sqrt(share[seen]) * white
-            parts.append((stamps[seen], component, value, width, weight[at[seen]]))
+         solved.noise.velocity, _explained_velocity(found)),
+    )  # fmt: skip
+    parts = []
+    for number, (sensor, kind) in enumerate(kinds.items()):
+        own = at if observed.receiver is None else at[observed.receiver[epochs.fix[at]] == number]
+        fix = epochs.fix[own]
+        stamps, share = time_ns(receivers[sensor])[observed.row[fix]], fixes.share[fix]
+        knot = epochs.interval[own] + (solved.inside.u[own] > 0.5)
+        for components, (residual, sigma, weight, scale, explained) in zip(
+            (("pos_e", "pos_n", "pos_u"), _VELOCITIES.get(kind, ())), measured, strict=True
+        ):
+            for axis, component in enumerate(components):
+                seen = np.isfinite(sigma[axis, fix])
+                white = sigma[axis, fix[seen]] * scale[axis]
+                kept = 1.0 - explained[knot[seen], axis] * share[seen] / white**2
+                width = white * np.sqrt(np.maximum(kept, _LEAST_OWN))
+                value = -residual[axis, own[seen]] / np.sqrt(share[seen]) * white
+                parts.append((stamps[seen], sensor, component, value, width, weight[own[seen]]))
     return _residual_table(parts)
 
 
@@ -166,17 +178,19 @@ def _explained_velocity(found: Estimate) -> Array:
     return np.asarray(np.diagonal(found.covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2))
 
 
-def _residual_table(parts: list[tuple[NDArray[np.int64], str, Array, Array, Array]]) -> pa.Table:
+def _residual_table(parts: list[tuple[NDArray[np.int64], str, str, Array, Array, Array]]) -> pa.Table:
     t_ns = np.concatenate([part[0] for part in parts])
-    component = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    order = np.lexsort((component, t_ns))
-    value, sigma, weight = (np.concatenate([part[i] for part in parts])[order] for i in (2, 3, 4))
-    names = pa.array([part[1] for part in parts], pa.string())
+    which = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    order = np.lexsort((which, t_ns))
+    value, sigma, weight = (np.concatenate([part[i] for part in parts])[order] for i in (3, 4, 5))
+    sensor, component = (
+        pa.array([part[i] for part in parts], pa.string()).take(pa.array(which[order])) for i in (1, 2)
+    )
     return build(
         RESIDUALS,
         time=t_ns[order],
-        sensor=pa.repeat(pa.scalar("gnss"), len(order)),
-        component=names.take(pa.array(component[order])),
+        sensor=sensor,
+        component=component,
         value=value,
         sigma=sigma,
         weight=weight,

@@ -56,11 +56,15 @@ from recon import (
 )
 from recon import events as event_rows
 from recon.numerics.rotation import from_euler
+from recon.schema import FURTHER_GNSS
 from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
     from recon.fixes import Observed, Trust
     from recon.numerics.smoothing import Model, Noise
+
+
+_OF_RECEIVERS = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix")
 
 
 class MapParams(Params):
@@ -125,6 +129,11 @@ class MapParams(Params):
     )
     camera_lever_sigma: float = quantity(0.3, "m", gt=0, doc="How well that is known.")
     first_attitude_sigma: float = quantity(2.0, "deg", gt=0, doc="How well the stream attitude is known, where given.")
+    antenna_2: tuple[float, float, float] | None = quantity(
+        None, "m", doc="From the antenna of gnss to that of gnss_2: forward, left, up; none: found from turns."
+    )
+    antenna_3: tuple[float, float, float] | None = quantity(None, "m", doc="The same of gnss_3.")
+    antenna_4: tuple[float, float, float] | None = quantity(None, "m", doc="The same of gnss_4.")
     output_rate: float | None = quantity(None, "Hz", gt=0, doc="Rows of the trajectory per second; none: every record.")
 
 
@@ -138,6 +147,9 @@ def fuse_map(
     ground: pa.Table | None = None,
     visual: pa.Table | None = None,
     events: pa.Table | None = None,
+    gnss_2: pa.Table | None = None,
+    gnss_3: pa.Table | None = None,
+    gnss_4: pa.Table | None = None,
     params: MapParams,
 ) -> Streams:
     """The trajectory with sigmas, residuals of every fix, standstills and outages, and every number estimated.
@@ -147,12 +159,14 @@ def fuse_map(
     attitude : its first row is taken as the attitude of the imu's axes at that time
     baro : pressure; ground : heights of a map along the way; visual : how a camera moved
     events : those of kind crash have knots at both ends, biases that stay, and wheels that may slip afterwards
+    gnss_2 to gnss_4 : further receivers in the vehicle, each with an antenna, a clock and errors of its own
     raises : NotEnoughData and DataError where the log cannot tell, with what is missing
     """
     from recon.aiding import AidTrust, aids_of
     from recon.driving import drive_of, impacts_of, measured, solve
     from recon.fixes import observe
     from recon.numerics.smoothing.aids import Speed
+    from recon.receivers import with_further
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
@@ -171,14 +185,19 @@ def fuse_map(
     if not params.wheels and len(drive.wheel_t_s) > 1:
         aids = (*aids, Speed(drive.wheel_t_s, np.abs(drive.wheel_speed), model.wheel_speed))
     expected = noise_of(params, observed)
-    found = solve(replace(drive, aids=aids), model, expected, params.estimate_noise)
-    trajectory = tables.trajectory(found, observed, imu, gnss, params.output_rate)
-    learnt += [*tables.estimates(found, observed), *doubts(found, observed, trajectory, gnss, expected)]
+    alone = solve(replace(drive, aids=aids), model, expected, params.estimate_noise)
+    others = zip(FURTHER_GNSS, (gnss_2, gnss_3, gnss_4), strict=True)
+    further = {name: table for name, table in others if table is not None and table.num_rows}
+    antennas = {name: getattr(params, f"antenna_{name[-1]}") for name in further}
+    every = with_further(alone, observed, further, antennas, start_ns, trust_of(params), params.reported_sigmas)
+    trajectory = tables.trajectory(every.found, observed, imu, gnss, params.output_rate)
+    learnt += [*tables.estimates(every.found, every.observed), *every.learnt]
+    learnt += doubts(alone, observed, trajectory, gnss, expected)
     return {
         "trajectory": trajectory,
-        "knots": knots(found, imu, trajectory),
-        "residuals": tables.residuals(found, observed, gnss),
-        "events": event_rows(tables.happenings(found, start_ns)),
+        "knots": knots(every.found, imu, trajectory),
+        "residuals": tables.residuals(every.found, every.observed, every.kinds, {"gnss": gnss, **further}),
+        "events": event_rows(tables.happenings(every.found, start_ns)),
         "metrics": metrics(learnt),
     }
 
@@ -265,13 +284,12 @@ def declare_fusers() -> Iterable[Fuser]:
     yield Fuser(
         name="map",
         summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
-        version=3,
+        version=4,
         params=MapParams,
         reads={
             "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),
-            "gnss": GNSS.need(
-                maybe=["lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix"],
-            ),
+            "gnss": GNSS.need(maybe=_OF_RECEIVERS),
+            **{name: GNSS.need(maybe=_OF_RECEIVERS, optional=True) for name in FURTHER_GNSS},
             "wheel": WHEEL.need("speed", maybe=["steering_angle"], optional=True),
             "attitude": ATTITUDE.need("q", optional=True),
             "baro": BARO.need("pressure", optional=True),

@@ -50,6 +50,7 @@ class Fixes:
     small_only : (m,) the velocity only says that it is small; its sigma is its speed, and tells nothing of the noise
     speed_only : (m,) the first component is the speed over ground, in a direction that only the solution knows
     share : (m,) part of a fix's information that is its own, below 1 where fixes follow each other fast
+    offset_s : (3, m) m, sensor, from the antenna that LEVER leads to, to that of the fix; None where all have one
     """
 
     t_s: Floats
@@ -61,6 +62,7 @@ class Fixes:
     small_only: NDArray[np.bool_]
     speed_only: NDArray[np.bool_]
     share: Floats
+    offset_s: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def at_epochs(state: State, ends: Misclosure, epochs: Epochs, inside: Inside) ->
 
 def position_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs, bridge: Floats) -> Measured:
     """Of the fixes' positions, weighted by their sigma. bridge : (3, E) m^2, variance of the drift between knots."""
-    lever = np.broadcast_to(state.common[LEVER, None], here.pos.shape)
+    lever = _lever(state, fixes, epochs)
     arm = mv(here.rot, lever)
     weight = _own(1.0 / np.sqrt(fixes.pos_sigma[:, epochs.fix] ** 2 + bridge), fixes, epochs)
     error = here.pos + arm + here.drift + here.vel * state.common[LAG] - fixes.pos_n[:, epochs.fix]
@@ -149,7 +151,7 @@ def position_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs, br
 
 def velocity_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs) -> Measured:
     """Of the fixes' velocities, weighted by their sigma."""
-    lever = np.broadcast_to(state.common[LEVER, None], here.pos.shape)
+    lever = _lever(state, fixes, epochs)
     swing = mv(here.rot, cross(here.rate, lever))
     weight = _own(1.0 / fixes.vel_sigma[:, epochs.fix], fixes, epochs)
     rows = fixes.vel_rows[:, :, epochs.fix]
@@ -163,6 +165,12 @@ def velocity_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs) ->
     common[:, LAG] = common[:, VELOCITY_LAG] = mv(rows, here.force_n)
     error = mv(rows, total) - fixes.vel[:, epochs.fix] * weight
     return Measured(error, -mm(rows, skew(swing)), rows, common)
+
+
+def _lever(state: State, fixes: Fixes, epochs: Epochs) -> Floats:
+    """From the IMU to the antenna of each epoch's fix: (3, E) m, sensor."""
+    lever = np.broadcast_to(state.common[LEVER, None], (3, len(epochs.t_s)))
+    return lever if fixes.offset_s is None else np.asarray(lever + fixes.offset_s[:, epochs.fix])
 
 
 def _along(vel_n: Floats) -> Floats:

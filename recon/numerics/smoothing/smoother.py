@@ -84,14 +84,17 @@ class Smoother:
     """A drive made ready: stops found, epochs placed, memory taken. `solve` may be called with other noise.
 
     arrival : what is known of the first knot and of what is common, in place of the priors of the model
+    moved_lag : s, what the stamps of the fixes are moved by, where it is known beforehand
     """
 
-    def __init__(self, drive: Drive, model: Model, arrival: Arrival | None = None) -> None:
+    def __init__(
+        self, drive: Drive, model: Model, arrival: Arrival | None = None, moved_lag: float | None = None
+    ) -> None:
         self.drive, self.model, self.arrival = drive, model, arrival
         samples = drive.samples
         self.blocks = block_means(samples, max(1, round(0.1 * samples.per_interval / _typical(samples))))
         self.motion = motion = fix_motion(drive.fixes)
-        self.moved_lag = self._first_lag()
+        self.moved_lag = self._first_lag() if moved_lag is None else moved_lag
         self.first_lag = self.moved_lag
         self.still = still_blocks(self.blocks, motion[0] + self.moved_lag, motion[1])
         self.still_noise = still_noise(self.blocks, self.still)
