@@ -31,8 +31,6 @@ _MAD: Final = 1.4826
 """Sigma of normal noise by its median absolute value."""
 _TELLS: Final = 3.0
 """Sigmas that a point must have moved beyond the rotation to tell of the direction: else its own noise would."""
-_STEP: Final = 1e-6
-"""rad, of differences: they err by 1e-12 of the curvature and 1e-10 by rounding."""
 _UNKNOWN: Final = np.diag([0.0, 0.0, 0.0, 1.0, 1.0])
 """Information beforehand: a sigma of one radian of the direction, which is nothing."""
 _LEAST_CURVED: Final = 0.1
@@ -123,16 +121,18 @@ def across(direction: Floats) -> Floats:
 
 
 def _linearised(a: Floats, b: Floats, rot_ab: Floats, direction_a: Floats) -> tuple[Floats, Floats]:
-    """Residuals (n,) and their derivatives (n, 5), by differences: those of the denominators matter.
+    """Residuals (n,) and their derivatives (n, 5): those of the denominators, too.
 
     Without them the result leans to where denominators are large, by more than its sigma once the noise is a third of
     a pixel and the camera moves ahead.
     """
-    slope = np.empty((len(a), 5))
-    for axis, step in enumerate(_STEP * np.eye(5)):
-        there, back = (sampson(a, b, *_moved(rot_ab, direction_a, sign * step)) for sign in (1.0, -1.0))
-        slope[:, axis] = (there - back) / (2.0 * _STEP)
-    return sampson(a, b, rot_ab, direction_a), slope
+    essential = _skew(direction_a) @ rot_ab
+    changes = np.concatenate([essential @ _skew(np.eye(3)), _skew(across(direction_a).T) @ rot_ab])
+    error, size, line_a, line_b = _lines(a, b, essential)
+    by_a, by_b = b @ changes.swapaxes(1, 2), a @ changes  # (5, n, 3)
+    longer = (line_a[:, :2] * by_a[..., :2]).sum(axis=2) + (line_b[:, :2] * by_b[..., :2]).sum(axis=2)
+    slope = ((a * by_a).sum(axis=2) - error / size**2 * longer) / size
+    return error / size, slope.T
 
 
 def _moved(rot_ab: Floats, direction_a: Floats, step: Floats) -> tuple[Floats, Floats]:
@@ -143,8 +143,17 @@ def _moved(rot_ab: Floats, direction_a: Floats, step: Floats) -> tuple[Floats, F
 
 def sampson(a: Floats, b: Floats, rot_ab: Floats, direction_a: Floats) -> Floats:
     """Distances of pairs of rays from those that fit a motion, with their signs: (n,), arguments as in `two_views`."""
-    x, y, z = direction_a
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rot_ab
+    error, size, _, _ = _lines(a, b, _skew(direction_a) @ rot_ab)
+    return error / size
+
+
+def _lines(a: Floats, b: Floats, essential: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Errors and the sizes of their gradients (n,), epipolar lines in the first and the second view (n, 3)."""
     line_a, line_b = b @ essential.T, a @ essential
     size = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1))
-    return np.asarray((a * line_a).sum(axis=1) / np.maximum(size, np.finfo(float).tiny))
+    return (a * line_a).sum(axis=1), np.maximum(size, np.finfo(float).tiny), line_a, line_b
+
+
+def _skew(vector: Floats) -> Floats:
+    """Matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
+    return np.asarray(np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2))
