@@ -120,7 +120,7 @@ def _packages() -> dict[str, str]:
 def write(manifest: Mapping[str, Any], folder: Path) -> Path:
     """Write DIR/manifest.json."""
     path = folder / MANIFEST
-    path.write_text(to_json(manifest, indent=1) + "\n", encoding="utf-8")
+    path.write_text(to_json(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
     return path
 
 
@@ -129,7 +129,7 @@ def write_export(step: PlannedStep, folder: Path, written: Sequence[Path]) -> Pa
     made = {MARK: NUMBER, "recon": recon.__version__, "export": step.resolved()}
     path = folder / EXPORT_MANIFEST
     text = to_json({**made, "outputs": describe_outputs(folder, written)}, indent=1)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
     return path
 
 

@@ -114,7 +114,8 @@ def blender(
     program = find_blender(params.blender)
     scene, arrays = plan(trajectory, gnss, events, _ghost(params.ghost, streams), streams, about, params)
     scene["look"] = _look(trajectory, events, params)
-    (folder / "scene.json").write_text(json.dumps(scene, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    text = json.dumps(scene, indent=1, allow_nan=False) + "\n"
+    (folder / "scene.json").write_text(text, encoding="utf-8", newline="\n")
     np.savez_compressed(folder / "scene.npz", **arrays)  # type: ignore[arg-type]
     (folder / "build_scene.py").write_text(ENTRY, encoding="utf-8", newline="\n")
     (folder / "scene_builder").mkdir()

@@ -74,7 +74,7 @@ def geojson(
     }
     path = folder / "track.geojson"
     text = json.dumps(collection, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
     return [path]
 
 

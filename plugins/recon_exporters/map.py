@@ -70,7 +70,7 @@ def street_map(
         f"<script>{asset('_leaflet/leaflet.js')}</script>\n<script>{asset('_page/map.js')}</script></body></html>\n"
     )
     path = folder / "map.html"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8", newline="\n")
     return [path]
 
 

@@ -58,7 +58,7 @@ def report(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, par
     text = page(facts, *_drawings(facts, streams, params.max_gap))
     paths = [folder / "report.html", folder / "report.json"]
     for path, content in zip(paths, (text, to_json(facts, indent=1) + "\n"), strict=True):
-        path.write_text(content, encoding="utf-8", errors="backslashreplace")
+        path.write_text(content, encoding="utf-8", newline="\n", errors="backslashreplace")
     return paths
 
 

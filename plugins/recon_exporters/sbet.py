@@ -58,7 +58,7 @@ def sbet(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: NoParams
         )
     records, notes = folder / "sbet_trajectory.out", folder / "sbet_trajectory.txt"
     records.write_bytes(_records(rows).astype("<f8").tobytes())
-    notes.write_text(_notes(rows, trajectory.num_rows, about), encoding="utf-8")
+    notes.write_text(_notes(rows, trajectory.num_rows, about), encoding="utf-8", newline="\n")
     return [records, notes]
 
 

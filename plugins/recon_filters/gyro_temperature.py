@@ -212,7 +212,9 @@ def _write(name: str, drives: dict[str, Sums]) -> None:
     held = {key: {name: values.tolist() for name, values in sums._asdict().items()} for key, sums in drives.items()}
     with staged_file(Path(name)) as path:
         path.write_text(
-            json.dumps({_MARK: _FORMAT, "drives": dict(sorted(held.items()))}, indent=1) + "\n", encoding="utf-8"
+            json.dumps({_MARK: _FORMAT, "drives": dict(sorted(held.items()))}, indent=1) + "\n",
+            encoding="utf-8",
+            newline="\n",
         )
 
 

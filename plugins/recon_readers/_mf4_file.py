@@ -77,7 +77,7 @@ def read_channels(path: Path, references: Sequence[str]) -> Measurement:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         job = {"path": str(path.resolve()), "references": list(references)}
-        (folder / _JOB).write_text(json.dumps(job), encoding="utf-8")
+        (folder / _JOB).write_text(json.dumps(job), encoding="utf-8", newline="\n")
         _run(path, folder, longest)
         about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
         if "refused" in about:
@@ -166,7 +166,7 @@ def _serve() -> None:
         os.dup2(2, 1)
         for line in sys.stdin.buffer:
             folder = Path(json.loads(line))
-            (folder / _ABOUT).write_text(json.dumps(_found(folder)), encoding="utf-8")
+            (folder / _ABOUT).write_text(json.dumps(_found(folder)), encoding="utf-8", newline="\n")
             answers.write(b"done\n")
 
 

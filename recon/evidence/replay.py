@@ -82,7 +82,7 @@ def _run_as_told(
     """
     with TemporaryDirectory(prefix="recon-replay-") as scratch:
         pipeline = Path(scratch) / "pipeline.yaml"
-        pipeline.write_text(pipeline_of(manifest).to_yaml(), encoding="utf-8")
+        pipeline.write_text(pipeline_of(manifest).to_yaml(), encoding="utf-8", newline="\n")
         command = [sys.executable, "-P", "-m", "recon", "run", str(pipeline), *map(str, inputs), "--out", str(folder)]
         command += ["--store", manifest["store"], *options]
         try:

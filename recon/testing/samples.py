@@ -55,7 +55,7 @@ def _physycom(path: Path) -> None:
     rows = np.column_stack([518_716_448.0 + t_s, 36.0 + t_s, *values, size, t_s])
     lines = ["\t".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
     header = "# timestamp speed ax ay az gx gy gz |a| timestamp_rel".replace(" ", "\t")
-    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8", newline="\n")
 
 
 def _parquet(path: Path) -> None:
@@ -68,11 +68,11 @@ def _mcap(path: Path) -> None:
 
 def _table(path: Path) -> None:
     lines = [f"{0.1 * row:.1f},{row % 7},word" for row in range(50)]
-    path.write_text("\n".join(["day,count,remark", *lines]) + "\n", encoding="utf-8")
+    path.write_text("\n".join(["day,count,remark", *lines]) + "\n", encoding="utf-8", newline="\n")
 
 
 def _json(path: Path) -> None:
-    path.write_text(json.dumps({"name": "a pipeline", "steps": [1, 2, 3]}), encoding="utf-8")
+    path.write_text(json.dumps({"name": "a pipeline", "steps": [1, 2, 3]}), encoding="utf-8", newline="\n")
 
 
 def _noise(path: Path) -> None:

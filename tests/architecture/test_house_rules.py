@@ -219,15 +219,16 @@ def test_modules_are_run_without_those_of_the_working_folder():
     assert [place for place, words in modules if "'-P'" not in words] == []
 
 
-def test_text_files_are_opened_with_their_encoding():
-    """The default encoding is another one on Windows."""
+def test_text_files_are_opened_with_their_encoding_and_ends_of_lines():
+    """The defaults are others on Windows: a manifest of other bytes there has another hash."""
     bare = []
     for path in SOURCES:
         for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name):
                 name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
                 given = {keyword.arg for keyword in node.keywords}
-                if name in ("read_text", "write_text") and "encoding" not in given:
+                wanted = {"read_text": {"encoding"}, "write_text": {"encoding", "newline"}}
+                if not wanted.get(name, set()) <= given:
                     bare.append(found(path, node.lineno, name))
     assert bare == []
 

@@ -41,7 +41,7 @@ class Packages:
             if not done.is_file() or done.read_text(encoding="utf-8") != this:  # it was installed anew
                 with zipfile.ZipFile(wheel) as archive:
                     archive.extractall(unpacked)
-                done.write_text(this, encoding="utf-8")
+                done.write_text(this, encoding="utf-8", newline="\n")
         beside = [str(Path(installed.origin).parents[1])] if installed is not None and installed.origin else []
         return [str(unpacked), *beside]
 

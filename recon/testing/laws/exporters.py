@@ -33,7 +33,7 @@ _OUTSIDE: Final = "outside of its folder"
 def it_writes_only_inside_its_folder(subject: Subject) -> None:
     """The folder is all that an exporter was given: what lies beside it, or where the user stands, is not its own."""
     with TemporaryDirectory() as place, TemporaryDirectory() as elsewhere:
-        (Path(elsewhere) / "notes.txt").write_text("of somebody else", encoding="utf-8")
+        (Path(elsewhere) / "notes.txt").write_text("of somebody else", encoding="utf-8", newline="\n")
         folder = Path(place) / "export"
         folder.mkdir()
         before = _contents(Path(place)) | _contents(Path(elsewhere))
