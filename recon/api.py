@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from html import escape
+from os.path import realpath
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -167,7 +168,7 @@ def _run_into(
 def _refuse_own_input(folder: Path, inputs: Sequence[Path]) -> None:
     """Raises ConfigError where the result would take the place of what it is made from."""
     for path in inputs:
-        if path.resolve().is_relative_to(folder.resolve()):
+        if Path(realpath(path)).is_relative_to(realpath(folder)):
             text = f"the input {path} lies in the output folder {folder}"
             raise ConfigError([Problem(None, "output-is-input", text, "choose another place")])
 

@@ -19,6 +19,7 @@ from typing import Final
 
 from recon import __version__
 from recon.own_wheel import own_wheel, pip
+from recon.storage import staged_file
 
 IDENTITY: Final = "recon_dynamics"
 PLATFORMS: Final = {
@@ -71,22 +72,20 @@ __all__ = ["bl_info", "register", "unregister"]
 def build_extension(platform: str, folder: Path) -> Path:
     """Write the zip for a platform of PLATFORMS into the folder; its path.
 
-    Raises PluginError where pip cannot get a wheel.
+    Raises PluginError where pip cannot get a wheel, StorageError where the zip cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{IDENTITY}-{__version__}-{platform}.zip"
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+    with staged_file(target) as partial, tempfile.TemporaryDirectory() as scratch:
         own = own_wheel(Path(scratch))
         tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
         only = ("--only-binary", ":all:", "--implementation", "cp", "--python-version", PYTHON, *tags)
         pip("download", "--quiet", "--dest", scratch, *only, str(own), *BESIDE_BLENDER)
-        made = _zipped(Path(scratch), own, platform)
-        made.replace(target)
+        _zip(Path(scratch), own, platform, partial)
     return target
 
 
-def _zipped(scratch: Path, own: Path, platform: str) -> Path:
-    """The extension from the wheels in a folder, recon's own among them."""
+def _zip(scratch: Path, own: Path, platform: str, file: Path) -> None:
+    """Write the extension from the wheels in a folder, recon's own among them."""
     wheels = sorted(scratch.glob("*.whl"))
     named = "".join(f'    "./wheels/{wheel.name}",\n' for wheel in wheels if not wheel.name.startswith("numpy-"))
     texts = {
@@ -95,8 +94,7 @@ def _zipped(scratch: Path, own: Path, platform: str) -> Path:
         ),
         "__init__.py": _ROOT.format(version=tuple(int(part) for part in __version__.split(".")[:3])),
     }
-    made = scratch / "extension.zip"
-    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as extension, zipfile.ZipFile(own) as modules:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as extension, zipfile.ZipFile(own) as modules:
         for name, text in texts.items():
             extension.writestr(f"{IDENTITY}/{name}", text)
         for name in modules.namelist():
@@ -105,4 +103,3 @@ def _zipped(scratch: Path, own: Path, platform: str) -> Path:
                 extension.writestr(f"{IDENTITY}/{inside}", modules.read(name))
         for wheel in wheels:
             extension.write(wheel, f"{IDENTITY}/wheels/{wheel.name}", zipfile.ZIP_STORED)
-    return made

@@ -50,6 +50,7 @@ def allan(
     from recon.pipeline import Pipeline
     from recon.schema import APPENDED
 
+    _refuse_kind(plot)
     reading = Pipeline.of("allan", "reader.auto")
     registry = registry_of(blocked, first_party_only)
     log = api.execute(reading, paths, None, overrides_of(settings), registry=registry).recording
@@ -119,16 +120,25 @@ def _as_text(name: str, data: dict[str, Any]) -> str:
     return "\n".join([*lines, f"  - use: fuser.map\n    params:\n{steps}".rstrip()])
 
 
+def _refuse_kind(plot: Path | None) -> None:
+    """Raises ConfigError where the ending names no kind of picture: asked before any work is done."""
+    from recon.errors import ConfigError
+    from recon.problems import Problem
+
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
+        raise ConfigError([Problem(None, "bad-option", f"--plot {plot} is no picture", "write NAME.png or NAME.svg")])
+
+
 def _shown(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
 def _draw(path: Path, found: Allan) -> None:
-    """Deviations with what was fitted. Raises PluginError where Matplotlib is not installed."""
+    """Deviations with what was fitted. Raises PluginError without Matplotlib, StorageError."""
     import numpy as np
 
-    from recon.errors import StorageError
     from recon.extras import needs
+    from recon.storage import staged_file
     from recon.units import convert
 
     with needs("the plot", "matplotlib", extra="figures"):
@@ -151,7 +161,5 @@ def _draw(path: Path, found: Allan) -> None:
         plot.set_ylabel(f"Allan deviation [{unit}]")
         plot.grid(color="#e4e6e8", which="both")
         plot.legend(frameon=False, title="dotted: fitted", title_fontsize=7)
-    try:
-        figure.savefig(path, dpi=160)
-    except (OSError, ValueError) as error:
-        raise StorageError(f"{path} could not be written: {error}") from error
+    with staged_file(path) as partial:
+        figure.savefig(partial, dpi=160, format=path.suffix[1:].lower())

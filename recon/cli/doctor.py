@@ -79,8 +79,10 @@ def _refuse_existing(write: Path | None, overwrite: bool) -> None:
     from recon.errors import ConfigError
     from recon.problems import Problem
 
+    if write is not None and write.is_dir():
+        raise ConfigError([Problem(None, "bad-option", f"--write: {write} is a folder", "name a file")])
     if write is not None and write.exists() and not overwrite:
-        raise ConfigError([Problem(None, "exists", f"{write} exists", "--overwrite replaces it")])
+        raise ConfigError([Problem(None, "output-exists", f"{write} is there already", "--overwrite replaces it")])
 
 
 def _written(
@@ -91,8 +93,11 @@ def _written(
     registry: Registry,
 ) -> tuple[Trial, Trial] | None:
     """Write the pipeline that puts right what was found; the drive without and with it, None where nothing changes."""
+    from recon.storage import staged_file
+
     cure = _repaired(found, overrides)
-    write.write_text(cure.to_yaml(), encoding="utf-8")
+    with staged_file(write) as path:
+        path.write_text(cure.to_yaml(), encoding="utf-8", newline="\n")
     return _tried(cure, paths, overrides, registry) if any(one["yaml"] for one in found) else None
 
 

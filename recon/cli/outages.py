@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -100,7 +101,7 @@ def _lengths(text: str) -> list[float]:
         found = [float(part) for part in text.split(",")]
     except ValueError:
         found = []
-    if not found or min(found) <= 0.0:
+    if not found or not all(0.0 < length < math.inf for length in found):
         raise ConfigError([Problem(None, "bad-option", f"--lengths '{text}' are no seconds", "write 10,30,60")])
     return list(dict.fromkeys(found))
 
@@ -140,8 +141,8 @@ def _keep(out: Path, data: Mapping[str, Any], found: Study, *, overwrite: bool) 
     note = f"Errors at the end of outages, medians; pipeline {data['pipeline']}, against {_against(data['against'])}."
     doubts = [f"\n{text}" for text in _doubts(data)]
     with staged_folder(out, overwrite=overwrite) as folder:
-        (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8")
-        (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+        (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8", newline="\n")
+        (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8", newline="\n")
         _draw(folder / "outages.png", found.outages)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -95,5 +96,5 @@ def _check_inputs(pipeline: Pipeline, inputs: Sequence[Path]) -> None:
 
 def default_folder(pipeline: str, inputs: Sequence[Path]) -> Path:
     """Where a result goes that was given no place: `<stem of the first input>-<pipeline>` in the working directory."""
-    stems = [path.resolve().stem for path in inputs[:1]]
+    stems = [Path(realpath(path)).stem for path in inputs[:1]]
     return Path(re.sub(r"[^\w.-]+", "_", "-".join([*stems, pipeline])))

@@ -73,7 +73,8 @@ class GrowingResult:
                 joined["metrics"] = metrics(warning(note) for note in told)
             with staged_file(self.path) as scratch:
                 write_file(Recording(joined, {**before.meta, **facts}), scratch)
-        self._part.unlink(missing_ok=True)
+        with storage_errors(self._part):
+            self._part.unlink(missing_ok=True)
 
 
 def _whole_of(path: Path) -> Recording:

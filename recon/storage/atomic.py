@@ -51,7 +51,7 @@ def refuse_existing(final: Path, overwrite: bool = False) -> None:
     if not overwrite:
         hint = "choose another place, or add --overwrite"
         raise ConfigError([Problem(None, "output-exists", f"{final} is there already", hint)])
-    if Path.cwd().is_relative_to(final.resolve()):
+    if Path.cwd().is_relative_to(os.path.realpath(final)):
         hint = "choose another place"
         raise ConfigError([Problem(None, "output-foreign", f"{final} is the folder that you are in", hint)])
     strange = final if not final.is_dir() else foreign_file(final)

@@ -83,7 +83,9 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     assert told["warnings"] == {"outages of 10 s": []}
     # Two frequencies, good to a metre: ten seconds add little, and nothing that a sigma of 1.4 m does not cover.
     assert told["lengths"][0]["horizontal"]["max"] < 5.0
-    assert main(["outages", str(kept), "--lengths", "ten"]) == 2
+    for wrong in ("ten", "nan", "10,inf", "0", ""):
+        assert main(["outages", str(kept), "--lengths", wrong]) == 2
+        assert capsys.readouterr().err == f"error: --lengths '{wrong}' are no seconds; write 10,30,60\n"
 
 
 def test_a_base_result_that_is_not_to_be_trusted_says_so_beside_the_errors():
