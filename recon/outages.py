@@ -77,7 +77,7 @@ def placed(gnss: pa.Table, length_s: float, most: int, rng: np.random.Generator)
     free_s = whole_s - apart_s
     count = min(most, int(free_s // (length_s + apart_s)))
     if count < 1:
-        needed = f"{length_s / (1.0 - 2.0 * _SHARE):g} s of GNSS"
+        needed = f"{min(length_s / (1.0 - 2.0 * _SHARE), length_s + 2.0 * APART_S):g} s of GNSS"
         raise NotEnoughData(f"GNSS for an outage of {length_s:g} s", needed=needed, found=f"{whole_s:.0f} s")
     slack = np.sort(rng.uniform(0.0, free_s - count * (length_s + apart_s), count))
     starts = t_ns[0] + np.rint(1e9 * (apart_s + slack + np.arange(count) * (length_s + apart_s))).astype(np.int64)

@@ -31,6 +31,7 @@ TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "crash": ("speed", "delta_v", "pulse", "direction", "spin", "again", "rest"),
 }
 """Parameters that shape each motion; duration belongs to all."""
+_DAY_S: Final = 86_400.0
 
 
 class _Motion(Params):
@@ -47,9 +48,12 @@ class _Motion(Params):
         None,
         "s",
         gt=0,
+        le=_DAY_S,
         doc="Length of the record; none: 60 s at rest, 300 s in the city, 600 s on long drives, else the whole drive.",
     )
-    begin: float = quantity(0.0, "s", ge=0, doc="The record begins this long after the motion: it may begin at speed.")
+    begin: float = quantity(
+        0.0, "s", ge=0, le=_DAY_S, doc="The record begins this long after the motion: it may begin at speed."
+    )
     route: int = setting(0, ge=0, doc="Long drives: number of the route, a random row of what a driver does.")
     speed: float | None = quantity(
         None, "km/h", gt=0, doc="straight, circle, spring, roundabout, s_curve, hill, crash: of the cruise."
@@ -100,7 +104,7 @@ class _Box(_Motion):
     ] = setting(
         "consumer_mems", doc="Preset of what below is none: rates, errors and, in the studies, the installation."
     )
-    imu_rate: float | None = quantity(None, "Hz", gt=0, doc="Samples of the IMU per second.")
+    imu_rate: float | None = quantity(None, "Hz", gt=0, le=100_000, doc="Samples of the IMU per second.")
     imu_jitter: float = quantity(0.0, "ms", ge=0, doc="Samples are taken up to this early or late, and say so.")
     accel_noise: float | None = quantity(None, "ug/sqrt(Hz)", ge=0, doc="Density of white noise.")
     gyro_noise: float | None = quantity(None, "deg/s/sqrt(Hz)", ge=0, doc="Density of white noise.")

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import yaml
 
@@ -12,7 +14,8 @@ from recon.cli.outages import _doubts
 from recon.errors import NotEnoughData
 from recon.outages import APART_S, measured, placed, simulate, statistics, without_fixes
 from recon.recording import Recording
-from recon.tables import matrix, replace, time_ns
+from recon.schema import GNSS
+from recon.tables import build, matrix, replace, time_ns
 from recon_simulators.drive import DriveParams, simulate_drive
 
 
@@ -35,6 +38,19 @@ def test_outages_are_apart_and_repeat_with_the_seed(drive):
 def test_an_outage_that_finds_no_room_is_refused(drive):
     with pytest.raises(NotEnoughData, match="outage of 300 s"):
         placed(drive["gnss"], 300.0, 10, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("length_s", [10.0, 60.0, 90.0, 120.0, 1000.0])
+def test_what_is_said_to_be_needed_is_enough_and_not_more(length_s):
+    def fixes(span_s: float) -> pa.Table:
+        return build(GNSS, time=np.array([0, round(1e9 * span_s)]), speed=np.zeros(2))
+
+    with pytest.raises(NotEnoughData) as refused:
+        placed(fixes(length_s), length_s, 1, np.random.default_rng(1))
+    needed_s = float(re.search(r"needs ([\d.]+) s of GNSS", str(refused.value))[1])
+    assert len(placed(fixes(needed_s + 0.01), length_s, 1, np.random.default_rng(1))) == 1  # it is told to 6 digits
+    with pytest.raises(NotEnoughData):
+        placed(fixes(needed_s - 0.01), length_s, 1, np.random.default_rng(1))
 
 
 def test_fixes_go_from_every_receiver_and_nothing_else(drive):

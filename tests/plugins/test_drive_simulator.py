@@ -412,6 +412,9 @@ def test_motions_take_their_shape_from_the_parameters() -> None:
         ({"outages": [["60 s", 90]]}, "a unit is missing"),
         ({"start": "yesterday"}, "start: invalid isoformat string: 'yesterday'"),
         ({"seed": -1}, "seed: "),
+        ({"duration": "1e30 s"}, "duration: must be at most 86400 s"),
+        ({"begin": "48 h"}, "begin: must be at most 86400 s"),
+        ({"imu_rate": "1 MHz"}, "imu_rate: must be at most 100000 Hz"),
     ],
 )
 def test_what_cannot_be_is_refused_by_the_check(values: dict[str, object], fault: str) -> None:
