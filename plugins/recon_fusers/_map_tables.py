@@ -286,7 +286,8 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
         Metric("accel_noise", noise.accel, "m/s^2/sqrt(Hz)", note="in the moving vehicle"),
         Metric("gyro_bias_walk", float(np.degrees(noise.gyro_walk)), "deg/s/sqrt(s)"),
         Metric("accel_bias_walk", noise.accel_walk, "m/s^2/sqrt(s)"),
-        Metric("motion_across", noise.across, "m/s", note="of the wheels, sideways and upwards, mean of a second"),
+        Metric("motion_sideways", noise.sideways, "m/s", note="of the wheels, mean of a second"),
+        Metric("motion_upwards", noise.upwards, "m/s", note="of the wheels, mean of a second"),
     ]
     if np.isfinite(fixes.pos_sigma).any():
         rows += [

@@ -34,7 +34,7 @@ _MOST_REJECTED: Final = 0.15
 """Share of the fixes."""
 _GROWN_FIXES, _GROWN_MOTION = 1.2, 2.0
 """Growth of a size of noise after which it is estimated again."""
-_OF_MOTION: Final = ("gyro", "accel", "gyro_walk", "accel_walk", "across")
+_OF_MOTION: Final = ("gyro", "accel", "gyro_walk", "accel_walk", "sideways", "upwards")
 
 
 @dataclass(frozen=True)

@@ -187,8 +187,13 @@ def _own(weight: Floats, fixes: Fixes, epochs: Epochs) -> Floats:
     return np.asarray(weight * np.sqrt(share))
 
 
-def body_rows(here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, sigma: float, robust: bool) -> Measured:
-    """Of the wheels, vehicle axes x (wheel speed), y and z (no motion across), weighted. sigma : m/s, at one second."""
+def body_rows(
+    here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, sigma: tuple[float, float], robust: bool
+) -> Measured:
+    """Of the wheels, vehicle axes x (wheel speed), y and z (no motion across), weighted.
+
+    sigma : m/s, of y and z, at one second
+    """
     rot_vs, calm = state.rot_vs, epochs.calm
     to_vehicle = np.einsum("ij,kjn->ikn", rot_vs, here.rot)
     turn_rate = np.einsum("ij,jn->in", rot_vs, here.rate)
@@ -223,18 +228,18 @@ def body_rows(here: AtEpochs, state: State, epochs: Epochs, model: BodyModel, si
 
 
 def _body_weights(
-    u: Floats, turn_rate: Floats, here: AtEpochs, epochs: Epochs, model: BodyModel, sigma: float
+    u: Floats, turn_rate: Floats, here: AtEpochs, epochs: Epochs, model: BodyModel, sigma: tuple[float, float]
 ) -> Floats:
     """(3, E) 1 / (m/s): nothing below walking pace, where the body sways more than the wheels tell."""
     moves = model.on & (model.rolls | _moving(here))
-    side = np.hypot(sigma, model.slip * np.abs(turn_rate[2]) * u[0] ** 2 / 3.0)
+    side = np.hypot(sigma[0], model.slip * np.abs(turn_rate[2]) * u[0] ** 2 / 3.0)
     rolls = np.isfinite(model.wheel_speed) & epochs.live
     return np.asarray(
         np.stack(
             [
                 np.where(rolls, 1.0 / model.wheel_sigma, 0.0),
                 np.where(moves, 1.0 / side, 0.0),
-                np.where(moves, 1.0 / sigma, 0.0),
+                np.where(moves, 1.0 / sigma[1], 0.0),
             ]
         )
         * np.sqrt(epochs.seconds)

@@ -20,7 +20,7 @@ class Noise:
     gyro, accel : densities rad/s/sqrt(Hz), m/s^2/sqrt(Hz); gyro_walk, accel_walk : rad/s/sqrt(s), m/s^2/sqrt(s)
     drift : (3,) m, drift_tau : s, of the slow error of GNSS positions
     position, velocity : (3,) factors on the sigmas of the fixes
-    across : m/s, motion of the wheels across their track, mean of a second
+    sideways, upwards : m/s, motion of the wheels across their track, mean of a second
     """
 
     gyro: float
@@ -31,7 +31,8 @@ class Noise:
     drift_tau: float
     position: Floats
     velocity: Floats
-    across: float = 0.05
+    sideways: float = 0.05
+    upwards: float = 0.05
 
 
 @dataclass(frozen=True)

@@ -60,8 +60,12 @@ _KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
 are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
 """
 _LASTING_S: Final = 20.0
-_ACROSS, _ACROSS_LIKE, _ACROSS_BOUNDS = 0.05, 10.0, (0.05, 0.3)
-"""m/s; what is expected, how many means it is worth, and bounds."""
+_ACROSS, _ACROSS_LIKE = 0.05, 5.0
+"""m/s; what is expected of motion across the track, and how many means that is worth."""
+_ACROSS_LEAST, _ACROSS_MOST = np.array([0.02, 0.05]), 0.3
+"""m/s, sideways and upwards. What a body heaves looks like a scale error of the accelerometer that points up, which a
+smaller sigma would believe.
+"""
 _STEPS: Final = 8
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
@@ -266,23 +270,29 @@ def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, 
     unseen = np.flatnonzero(likelihood.counts == 0.0) + 3
     low[unseen] = high[unseen] = 0.0
     found = scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
-    return replace(found, across=_across(smoother, solved)) if smoother.model.wheels else found
+    if not smoother.model.wheels:
+        return found
+    residual, (t_s, seconds) = smoother.sideways(solved)
+    so_far = np.array([solved.noise.sideways, solved.noise.upwards])
+    sideways, upwards = across_track(residual, t_s, seconds, so_far)
+    return replace(found, sideways=float(sideways), upwards=float(upwards))
 
 
-def _across(smoother: Smoother, solved: Solved) -> float:
-    """Sigma of motion across the wheels' track, m/s at one second, from means over _LASTING_S.
+def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats) -> Floats:
+    """Sigmas of motion across the wheels' track, sideways and upwards: (2,) m/s at one second.
 
     Camber and load make it last, so that the likelihood, which takes it for white, would believe it too small; a mean
-    counts what lasts in full. The prior is that of so many means, an inverse gamma one.
+    over _LASTING_S counts what lasts in full. The prior is that of so many means, an inverse gamma one.
+
+    residual : (2, n) in sigmas so_far (2,) m/s of the time that each stands for; t_s, seconds : (n,) when and how long
     """
-    residual, (t_s, seconds) = smoother.sideways(solved)
     block = np.floor(t_s / _LASTING_S).astype(np.intp)
     rolled = np.bincount(block, seconds) if len(block) else np.zeros(0)
     counted = rolled > 0.5 * _LASTING_S
     sums = np.array([np.bincount(block, axis * np.sqrt(seconds)) for axis in residual]).reshape(2, -1)[:, counted]
-    size = solved.noise.across**2 * float((sums**2 / rolled[counted]).sum())
-    sigma = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.size))
-    return float(np.clip(sigma, *_ACROSS_BOUNDS))
+    size = so_far**2 * (sums**2 / rolled[counted]).sum(axis=1)
+    sigma = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.shape[1]))
+    return np.asarray(np.clip(sigma, _ACROSS_LEAST, _ACROSS_MOST))
 
 
 def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[[Floats], tuple[float, Floats]]:

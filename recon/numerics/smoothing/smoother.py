@@ -291,7 +291,7 @@ class Smoother:
         return (
             position_rows(here, state, scaled, self.epochs, bridge),
             velocity_rows(here, state, scaled, self.epochs),
-            body_rows(here, state, self.epochs, self.body, noise.across, robust),
+            body_rows(here, state, self.epochs, self.body, (noise.sideways, noise.upwards), robust),
         )
 
     def sideways(self, solved: Solved) -> tuple[Floats, Floats]:

@@ -180,7 +180,7 @@ def test_body_rows_are_the_derivatives(drive):
     rigid = replace(drive, state=drive.state.with_common(SLIP, 0.0).with_common(PITCH, 0.0))
 
     def rows(state: State) -> Measured:
-        return body_rows(drive.here(state), state, epochs, model, 1.0, robust=False)
+        return body_rows(drive.here(state), state, epochs, model, (1.0, 1.0), robust=False)
 
     here = rigid.here(rigid.state)
     moving = np.linalg.norm(here.vel, axis=0) > 3.0
@@ -199,7 +199,7 @@ def test_slip_pitch_and_the_scale_of_the_wheels_are_exact(drive):
     epochs, model = drive.smoother.epochs, wheels(drive)
 
     def rows(state: State) -> Measured:
-        return body_rows(drive.here(state), state, epochs, model, 1.0, robust=False)
+        return body_rows(drive.here(state), state, epochs, model, (1.0, 1.0), robust=False)
 
     moving = np.linalg.norm(drive.here(drive.state).vel, axis=0) > 3.0
     found = spread_out(drive, rows(drive.state), drive.inside.slope, False)
@@ -217,7 +217,7 @@ def test_the_truth_leaves_no_residual():
     assert np.abs(position.residual[:, live]).max() < 5.0 * 0.05**2 / 2.0 + 2.0 * 0.05 * 0.5
     velocity = velocity_rows(here, state, plain(drive.sim.drive.fixes), epochs)
     assert np.abs(velocity.residual[:, live]).max() < 10.0 * 0.02**2 + 1.5 * 0.01 + 0.02 * 0.2
-    body = body_rows(here, state, epochs, wheels(drive), 1.0, robust=False)
+    body = body_rows(here, state, epochs, wheels(drive), (1.0, 1.0), robust=False)
     rolling = np.linalg.norm(here.vel, axis=0) > 1.0
     assert np.abs(body.residual[1:, rolling]).max() < 1.3 * 0.01
 
@@ -258,7 +258,7 @@ def test_wheels_say_nothing_below_walking_pace_nor_where_they_are_not_used():
     epochs, here = drive.smoother.epochs, drive.here(drive.state)
     speed = np.linalg.norm(here.vel, axis=0)
     model = replace(wheels(drive), on=np.arange(len(speed)) % 2 == 0, wheel_speed=np.full(len(speed), np.nan))
-    rows = body_rows(here, drive.state, epochs, model, 1.0, robust=False)
+    rows = body_rows(here, drive.state, epochs, model, (1.0, 1.0), robust=False)
     used = model.on & (speed > 1.0) & epochs.live
     assert not rows.residual[:, ~used].any()
     assert not rows.residual[0].any()
@@ -270,7 +270,7 @@ def test_what_moved_in_a_state_before_keeps_its_constraint():
     epochs, here, model = drive.smoother.epochs, drive.here(drive.state), wheels(drive)
     creeping = replace(here, vel=0.01 * here.vel)
     dropped, kept = (
-        body_rows(creeping, drive.state, epochs, body, 1.0, robust=False).residual[1:]
+        body_rows(creeping, drive.state, epochs, body, (1.0, 1.0), robust=False).residual[1:]
         for body in (model, model.kept_on(here))
     )
     moved = np.linalg.norm(here.vel, axis=0) > 1.0
@@ -283,7 +283,7 @@ def test_slip_is_doubted_where_the_car_turns_fast():
     drive = linearised(LIVELY, 1.0)
     epochs, here = drive.smoother.epochs, drive.here(drive.state)
     stiff, soft = (
-        body_rows(here, drive.state, epochs, replace(wheels(drive), slip=slip), 0.1, robust=False).residual
+        body_rows(here, drive.state, epochs, replace(wheels(drive), slip=slip), (0.1, 0.1), robust=False).residual
         for slip in (0.0, 0.04)
     )
     seen = stiff[1] != 0.0
@@ -298,7 +298,9 @@ def test_a_wheel_that_jumps_aside_is_taken_back_by_cauchy():
     drive = linearised(LIVELY, 1.0)
     epochs, here = drive.smoother.epochs, drive.here(drive.state)
     model = wheels(drive)
-    hard, soft = (body_rows(here, drive.state, epochs, model, 1e-3, robust).residual for robust in (False, True))
+    hard, soft = (
+        body_rows(here, drive.state, epochs, model, (1e-3, 1e-3), robust).residual for robust in (False, True)
+    )
     squared = (hard[1:] ** 2).sum(axis=0)
     assert squared.max() > 100.0
     assert_allclose((soft[1:] ** 2).sum(axis=0), squared / (1.0 + squared / 9.0), rtol=1e-12)
@@ -322,7 +324,7 @@ def test_the_normal_equations_are_those_of_all_rows_together():
     rows = [
         position_rows(here, state, fixes, epochs, np.zeros((3, len(epochs.t_s)))),
         velocity_rows(here, state, fixes, epochs),
-        body_rows(here, state, epochs, wheels(drive), 1.0, robust=False),
+        body_rows(here, state, epochs, wheels(drive), (1.0, 1.0), robust=False),
     ]
     normal = Normal(state.knots)
     add_measured(normal, drive.inside, epochs.slots, *rows, lag=float(state.common[LAG]))
@@ -349,7 +351,7 @@ def test_the_unknowns_that_fixes_see_are_lever_and_lags_and_the_wheels_the_rest(
     drive = linearised(LIVELY, 1.0)
     fixes, epochs, here, state = drive.sim.drive.fixes, drive.smoother.epochs, drive.here(drive.state), drive.state
     position = position_rows(here, state, fixes, epochs, np.zeros((3, len(epochs.t_s)))).common
-    body = body_rows(here, state, epochs, wheels(drive), 1.0, robust=False).common
+    body = body_rows(here, state, epochs, wheels(drive), (1.0, 1.0), robust=False).common
     seen = np.flatnonzero(np.abs(position).max(axis=(0, 2)))
     assert_array_equal(seen, [*range(LEVER.start, LEVER.stop), LAG])
     assert not body[:, [*range(LEVER.start, LEVER.stop), LAG, VELOCITY_LAG]].any()

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from smoothing_drives import Log, Simulated, simulate
 
 from recon.numerics.smoothing import Model, Noise, Smoother
-from recon.numerics.smoothing.noise import Likelihood, likely_noise, posterior, scaled_noise
+from recon.numerics.smoothing.noise import Likelihood, across_track, likely_noise, posterior, scaled_noise
 from recon.numerics.smoothing.start import start_state
 
 Floats = np.ndarray
@@ -167,3 +167,30 @@ def test_outliers_do_not_count():
     # Cauchy's weight is under a half beyond 3 sigma of three components: 2.9 % of the clean positions, and as many of
     # the velocities, which take theirs along. Each of the rest counts 0.918, its mean square.
     assert 2 * 0.918 * 0.91 * clean < likelihood.counts[0] <= 2 * 0.918 * clean
+
+
+def rolled(sigma: float, lasts_s: int, seed: int = 3) -> np.ndarray:
+    """Residuals of an hour in sigmas of 0.05 m/s, of motion across that changes every so many seconds: (3600,)."""
+    return np.repeat(np.random.default_rng(seed).normal(0.0, sigma / 0.05, 3600 // lasts_s), lasts_s)
+
+
+def across(sideways: np.ndarray, upwards: np.ndarray) -> np.ndarray:
+    t_s = 0.5 + np.arange(len(sideways))
+    return across_track(np.stack([sideways, upwards]), t_s, np.ones_like(t_s), np.full(2, 0.05))
+
+
+def test_motion_across_that_lasts_counts_in_full():
+    # 180 means of 20 s tell a sigma to 5 %, and the prior is worth 5 of them. What lasts for 10 s is in a second as
+    # uncertain as a white one of sqrt(10) times its size.
+    sideways, upwards = across(rolled(0.04, 1), rolled(0.04, 10))
+    assert_allclose(sideways, 0.04, rtol=0.15)
+    assert_allclose(upwards, 0.04 * np.sqrt(10.0), rtol=0.15)
+
+
+def test_motion_across_is_believed_small_where_much_says_so_and_never_so_small_upwards():
+    calm = rolled(0.001, 1)
+    assert_allclose(across(calm, calm), [0.02, 0.05], rtol=1e-12)
+    few = across(calm[:100], calm[:100])  # 5 means, and the prior of 5 more: its square by half
+    assert_allclose(few, [0.05 / np.sqrt(2.0), 0.05], rtol=1e-3)
+    nothing = across(calm[:5], calm[:5])
+    assert_allclose(nothing, [0.05, 0.05], rtol=1e-12)
