@@ -16,10 +16,11 @@ Reference: GoPro, gpmf-parser, README and docs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +34,7 @@ from recon.schema import GNSS, IMU
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave
+from recon_readers._columns import Grown, kept
 from recon_readers._gpmf_payloads import WANTED, Data, Place, is_mp4, measurements, payloads
 from recon_readers._lines import COPIED
 from recon_readers._streams import Source, stream
@@ -46,8 +48,6 @@ LOST: Final = 1.5
 """Times the usual time between payloads: then one between is lost."""
 DAYS_2000: Final = 10_957
 """2000-01-01 in days since 1970."""
-
-_Series: TypeAlias = tuple[Times, Array]
 
 
 class GpmfParams(Params):
@@ -63,16 +63,16 @@ def read(path: Path, params: GpmfParams) -> Streams:
     places = payloads(path, head)
     unclosed = is_mp4(head) and any(place.start_ns is None for place in places)
     found = _all(path, places)
-    series = {key: _timed(path, key, places, parts, params) for key, parts in found.items()}
-    zero_ns = _utc_zero(found, series)
-    imu, told = _imu(path, found, series, zero_ns)
-    gnss, learnt = _gnss(path, found, series, zero_ns)
+    counts = ", ".join(f"{each.rows} {key}" for key, each in found.items())
+    times = {key: _times(path, key, places, each.parts, params) for key, each in found.items()}
+    zero_ns = _utc_zero(found, times)
+    imu, told = _imu(path, found, times, zero_ns)
+    gnss, learnt = _gnss(path, found, times, zero_ns)
     streams = {name: table for name, table in (("imu", imu), ("gnss", gnss)) if table is not None}
     if not streams:
         keys = ", ".join(found) or "none"
         raise ReadFailed(path, f"its {len(places)} payloads hold no measurement ({keys})", hint=COPIED)
     facts = {"format": "GPMF", "clock": "relative" if zero_ns is None else "absolute", "time_scale": "UTC"}
-    counts = ", ".join(f"{sum(len(part.values) for _, part in parts)} {key}" for key, parts in found.items())
     note = f"the index of {path.name} is missing or damaged: its payloads were searched for"
     doubt = [warning(note)] if unclosed else []
     rows = [*doubt, Metric("payloads", float(len(places)), note=counts), *_clock(zero_ns), *told, *learnt]
@@ -93,79 +93,110 @@ def sniff(path: Path, head: bytes) -> Sniff:
 
 # --- payloads -------------------------------------------------------------------------------------------------------
 
-_Parts: TypeAlias = list[tuple[int, Data]]
-"""Number of the payload and data."""
+_WIDTHS: Final = {"ACCL": 3, "GYRO": 3, "GPS5": 5, "GPS9": 9}
 
 
-def _all(path: Path, places: Sequence[Place]) -> dict[str, _Parts]:
-    """The data of all payloads by key."""
-    found: dict[str, _Parts] = {}
+class _Part(NamedTuple):
+    """A payload's number, how many samples of a stream it holds, and what it says of them."""
+
+    number: int
+    rows: int
+    stamp_us: int | None
+    utc: str
+    fix: int
+
+
+@dataclass
+class _Samples:
+    """Samples of one kind: their columns (n,), the payloads that they came in, and what the first of these says."""
+
+    columns: list[Grown]
+    parts: list[_Part]
+    first: Data
+
+    @property
+    def rows(self) -> int:
+        return sum(part.rows for part in self.parts)
+
+    def column(self, at: int) -> Array:
+        """A column, which is given once and then no longer kept."""
+        values = self.columns[at].all
+        self.columns[at] = Grown(np.float64, 0)
+        return values
+
+
+def _all(path: Path, places: Sequence[Place]) -> dict[str, _Samples]:
+    """The samples of all payloads by key."""
+    found: dict[str, _Samples] = {}
     with path.open("rb") as file:
         for number, place in enumerate(places):
             file.seek(place.offset)
             for key, data in measurements(file.read(place.size)).items():
-                if len(data.values) and data.values.shape[1] >= {"GPS5": 5, "GPS9": 9}.get(key, 3):
-                    found.setdefault(key, []).append((number, data))
+                rows, width = data.values.shape
+                if not rows or width < _WIDTHS[key]:
+                    continue
+                if key not in found:
+                    room = rows * (len(places) - number)
+                    found[key] = _Samples([Grown(np.float64, room) for _ in range(_WIDTHS[key])], [], data)
+                for column, values in zip(found[key].columns, data.values.T, strict=False):
+                    column.add(values)
+                utc, fix = (data.text("GPSU"), data.whole("GPSF") or 0) if key == "GPS5" else ("", 0)
+                found[key].parts.append(_Part(number, rows, data.whole("STMP"), utc, fix))
     return {key: found[key] for key in WANTED if key in found}
 
 
-def _timed(path: Path, key: str, places: Sequence[Place], parts: _Parts, params: GpmfParams) -> _Series:
-    """Times (n,) ns after the start of the recording, and values (n, k), of all samples of a stream."""
-    starts, lasting = _spans(path, key, places, parts, params)
-    times = [
-        start + duration * np.arange(len(data.values)) // len(data.values)
-        for start, duration, (_, data) in zip(starts, lasting, parts, strict=True)
-    ]
-    width = min(data.values.shape[1] for _, data in parts)
-    return np.concatenate(times), np.concatenate([data.values[:, :width] for _, data in parts])
+def _times(path: Path, key: str, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams) -> Times:
+    """Times (n,) ns after the start of the recording of all samples of a stream."""
+    t_ns = np.empty(sum(part.rows for part in parts), dtype=np.int64)
+    end = 0
+    for start, duration, part in zip(*_spans(path, key, places, parts, params), parts, strict=True):
+        end += part.rows
+        t_ns[end - part.rows : end] = start + duration * np.arange(part.rows) // part.rows
+    return t_ns
 
 
 def _spans(
-    path: Path, key: str, places: Sequence[Place], parts: _Parts, params: GpmfParams
+    path: Path, key: str, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams
 ) -> tuple[list[int], list[int]]:
     """Start and duration in ns of the samples of each payload."""
-    stamps = [data.whole("STMP") for _, data in parts]
-    known = [stamp for stamp in stamps if stamp is not None and stamp < 1 << 50]
+    known = [part.stamp_us for part in parts if part.stamp_us is not None and part.stamp_us < 1 << 50]
     if len(known) == len(parts) > 1 and all(b > a for a, b in pairwise(known)):
         starts = [stamp * 1000 for stamp in known]
-        counts = np.array([len(data.values) for _, data in parts])
+        counts = np.array([part.rows for part in parts])
         steps = np.append(np.diff(starts), np.iinfo(np.int64).max)
         usual = np.median(steps[:-1]) / np.median(counts) * counts
         return starts, np.where(steps < LOST * usual, steps, usual).astype(np.int64).tolist()
-    if all(places[number].start_ns is not None for number, _ in parts):
-        return [places[n].start_ns or 0 for n, _ in parts], [places[n].duration_ns or 0 for n, _ in parts]
+    own = [places[part.number] for part in parts]
+    if all(place.start_ns is not None for place in own):
+        return [place.start_ns or 0 for place in own], [place.duration_ns or 0 for place in own]
     if params.payload is None:
         hint = "read the MP4 that it was taken from, or set reader.gpmf.payload: 1.001 s in most cameras"
         raise ReadFailed(path, f"raw GPMF does not tell how long its {len(places)} payload(s) last", hint=hint)
     length = round(params.payload * NS)
-    return [number * length for number, _ in parts], [length] * len(parts)
+    return [part.number * length for part in parts], [length] * len(parts)
 
 
 # --- streams --------------------------------------------------------------------------------------------------------
 
 
-def _rising(t_ns: Times, values: Array) -> _Series:
-    usable = in_order(t_ns, np.zeros(len(t_ns), dtype=bool))
-    usable &= ~repeating(t_ns, [usable])
-    return t_ns[usable], values[usable]
-
-
 def _imu(
-    path: Path, found: dict[str, _Parts], series: dict[str, _Series], zero_ns: int | None
+    path: Path, found: Mapping[str, _Samples], times: Mapping[str, Times], zero_ns: int | None
 ) -> tuple[pa.Table | None, list[Metric]]:
-    parts: dict[str, _Series] = {}
+    parts: dict[str, tuple[Times, Array]] = {}
     learnt = []
     for group, key in (("accel", "ACCL"), ("gyro", "GYRO")):
-        if key in series:
-            letters = found[key][0][1].text("ORIN") or USUAL
+        if key in found:
+            letters = found[key].first.text("ORIN") or USUAL
             if sorted(letters.upper()) != sorted(AXES):
                 learnt.append(warning(f"{key} is left out: its axes '{letters[:10]}' are none"))
                 continue
-            t_ns, values = series[key]
-            columns = {
-                letter.upper(): values[:, at] * (1 if letter.isupper() else -1) for at, letter in enumerate(letters)
-            }
-            parts[group] = _rising(t_ns, np.column_stack([columns["Y"], -columns["X"], columns["Z"]]))
+            usable = in_order(times[key], np.zeros(len(times[key]), dtype=bool))
+            usable &= ~repeating(times[key], [usable])
+            t_ns = kept(times[key], usable)
+            for axis, letter, sign in (("x", "Y", 1), ("y", "X", -1), ("z", "Z", 1)):
+                at = letters.upper().index(letter)
+                values = kept(found[key].column(at), usable)
+                parts[f"{group}_{axis}"] = t_ns, values if letters[at].isupper() == (sign > 0) else -values
             learnt.append(Metric("axes", method=key, note=f"logged as {letters} (X right, Y forward, Z up)"))
     if not parts:
         return None, learnt
@@ -175,52 +206,52 @@ def _imu(
 
 
 def _gnss(
-    path: Path, found: dict[str, _Parts], series: dict[str, _Series], zero_ns: int | None
+    path: Path, found: Mapping[str, _Samples], times: Mapping[str, Times], zero_ns: int | None
 ) -> tuple[pa.Table | None, list[Metric]]:
-    key = next((key for key in ("GPS9", "GPS5") if key in series), "")
+    key = next((key for key in ("GPS9", "GPS5") if key in found), "")
     if not key:
         return None, []
-    t_ns, values = series[key]
+    samples, t_ns = found[key], times[key]
     if key == "GPS9":
-        fix = values[:, 8]
-    else:
-        fix = np.concatenate([np.full(len(data.values), float(data.whole("GPSF") or 0)) for _, data in found[key]])
-    fixed = fix >= 2.0
-    place = {name: np.where(fixed, values[:, at], np.nan) for at, name in enumerate(("lat", "lon", "height", "speed"))}
-    groups = {**place, "fix": np.where(np.isin(fix, (0.0, 2.0, 3.0)), fix, np.nan)}
-    if key == "GPS9":
-        t_ns = _own_utc(values) if zero_ns is not None else t_ns
+        fix = samples.columns[8].all
+        t_ns = _own_utc(samples) if zero_ns is not None else t_ns
         zero_ns = 0
+    else:
+        fix = np.repeat([float(part.fix) for part in samples.parts], [part.rows for part in samples.parts])
+    fixed = fix >= 2.0
+    names = enumerate(("lat", "lon", "height", "speed"))
+    groups = {name: np.where(fixed, samples.column(at), np.nan) for at, name in names}
+    groups["fix"] = np.where(np.isin(fix, (0.0, 2.0, 3.0)), fix, np.nan)
     source = Source(path, "gnss")
     made, learnt = stream(source, GNSS, t_ns + (zero_ns or 0), np.zeros(len(t_ns), dtype=bool), groups)
-    datum = "mean_sea_level" if found[key][0][1].text("GPSA") == "MSLV" else "ellipsoid"
+    datum = "mean_sea_level" if samples.first.text("GPSA") == "MSLV" else "ellipsoid"
     if not fixed.all():
         learnt.append(Metric("rows_without_fix", float((~fixed).sum()), note=f"of {len(fixed)} rows of {key}"))
     return (None if made is None else with_meta(made, height_datum=datum)), learnt
 
 
-def _own_utc(values: Array) -> Times:
+def _own_utc(samples: _Samples) -> Times:
     """UTC of GPS9: (n,) ns; days and ms are whole numbers."""
+    day, second = samples.columns[5].all, samples.columns[6].all
     with np.errstate(invalid="ignore"):
-        days = np.where(np.abs(values[:, 5]) < 1e5, values[:, 5], 0.0).astype(np.int64) + DAYS_2000
-        ms = np.round(np.where(np.abs(values[:, 6]) < 1e6, values[:, 6], 0.0) * 1e3).astype(np.int64)
+        days = np.where(np.abs(day) < 1e5, day, 0.0).astype(np.int64) + DAYS_2000
+        ms = np.round(np.where(np.abs(second) < 1e6, second, 0.0) * 1e3).astype(np.int64)
     return days * DAY_NS + ms * 1_000_000
 
 
-def _utc_zero(found: dict[str, _Parts], series: dict[str, _Series]) -> int | None:
+def _utc_zero(found: Mapping[str, _Samples], times: Mapping[str, Times]) -> int | None:
     """UTC at the start of the recording in ns, None where no payload has a fix."""
-    if "GPS9" in series:
-        t_ns, values = series["GPS9"]
-        fixed = values[:, 8] >= 2.0
-        return median_ns((_own_utc(values) - t_ns)[fixed]) if fixed.any() else None
+    if "GPS9" in found:
+        fixed = found["GPS9"].columns[8].all >= 2.0
+        return median_ns((_own_utc(found["GPS9"]) - times["GPS9"])[fixed]) if fixed.any() else None
     offsets, row = [], 0
-    for _, data in found.get("GPS5", []):
-        stamp = data.text("GPSU")
+    for part in found["GPS5"].parts if "GPS5" in found else ():
+        stamp = part.utc
         text = f"20{stamp[:2]}-{stamp[2:4]}-{stamp[4:6]} {stamp[6:8]}:{stamp[8:10]}:{stamp[10:]}"
         utc_ns, good = moments(pa.array([text]))
-        if (data.whole("GPSF") or 0) >= 2 and good[0]:
-            offsets.append(int(utc_ns[0]) - int(series["GPS5"][0][row]))
-        row += len(data.values)
+        if part.fix >= 2 and good[0]:
+            offsets.append(int(utc_ns[0]) - int(times["GPS5"][row]))
+        row += part.rows
     return median_ns(np.array(offsets)) if offsets else None
 
 
