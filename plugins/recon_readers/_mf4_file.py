@@ -1,8 +1,9 @@
 """Channels of an MDF file, read by asammdf in a process of its own.
 
 At some damaged bytes the compiled code of asammdf takes its interpreter along. Here that becomes a ReadFailed.
-The process is given folders with `job.json`, and leaves there `about.json` and the channels in Arrow's format, which
-executes nothing when it is read. It stays for the next file, for asammdf takes 1.3 s to be imported.
+The process is given folders with `job.json`, and leaves there `about.json`, and times and channels in NumPy's format,
+which executes nothing when it is read (allow_pickle is off). Times that several channels share are written once, and a
+channel is loaded when it is asked for. The process stays for the next file: asammdf takes 1.3 s to be imported.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +29,7 @@ from recon.errors import ReadFailed
 from recon.extras import missing
 from recon.problems import did_you_mean
 from recon.tables import Array
+from recon_readers._columns import kept
 from recon_readers._time_order import Times
 
 NS: Final = 1_000_000_000
@@ -37,7 +40,7 @@ _LATEST_NS: Final = 4_200_000_000 * NS
 _COPY: Final = "check that it is whole: copy it again, or repair it"
 _idle: list[subprocess.Popen[bytes]] = []
 """Processes that wait for a file."""
-_JOB, _ABOUT, _CHANNELS = "job.json", "about.json", "channel-{}.arrow"
+_JOB, _ABOUT, _CHANNELS, _TIMES = "job.json", "about.json", "channel-{}.npy", "times-{}.npy"
 
 
 @dataclass(frozen=True)
@@ -60,10 +63,20 @@ class Measurement:
     start_ns: int
     flags: int
     groups: Sequence[tuple[int, Sequence[tuple[str, str]]]]
-    signals: Mapping[str, Signal]
+    _folder: Path
+    _channels: Mapping[str, tuple[str, str, str]]
+    _times: dict[str, Times] = field(default_factory=dict)
+
+    def signal(self, reference: str) -> Signal:
+        """A channel that was asked for. Channels of one raster share their times."""
+        label, times, values = self._channels[reference]
+        if times not in self._times:
+            self._times[times] = np.load(self._folder / times, allow_pickle=False)
+        return Signal(self._times[times], np.load(self._folder / values, allow_pickle=False), label)
 
 
-def read_channels(path: Path, references: Sequence[str]) -> Measurement:
+@contextmanager
+def measurement(path: Path, references: Sequence[str]) -> Iterator[Measurement]:
     """Read a file and the channels of these names, "AccX@3" for one of group 3.
 
     Raises ReadFailed, PluginError where asammdf is not installed.
@@ -82,8 +95,7 @@ def read_channels(path: Path, references: Sequence[str]) -> Measurement:
         about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
         if "refused" in about:
             raise ReadFailed(path, about["refused"], hint=about["hint"])
-        signals = {ref: _load(folder / _CHANNELS.format(n), label) for n, (ref, label) in enumerate(about["channels"])}
-    return Measurement(about["start_ns"], about["flags"], about["groups"], signals)
+        yield Measurement(about["start_ns"], about["flags"], about["groups"], folder, about["channels"])
 
 
 def _run(path: Path, folder: Path, longest: float) -> None:
@@ -145,14 +157,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.communicate()
 
 
-def _load(file: Path, label: str) -> Signal:
-    import pyarrow as pa
-
-    with pa.OSFile(str(file)) as source, pa.ipc.open_file(source) as reader:
-        table = reader.read_all()
-    return Signal(np.asarray(table["t_ns"]), np.asarray(table["value"]), label)
-
-
 # --- in the process -------------------------------------------------------------------------------------------------
 
 
@@ -177,8 +181,9 @@ def _found(folder: Path) -> dict[str, Any]:
     try:
         with Path(job["path"]).open("rb") as opened, MDF(opened) as file:
             about = _about(file)
-            labels = [_channel(file, ref, folder / _CHANNELS.format(n)) for n, ref in enumerate(job["references"])]
-            return {**about, "channels": list(zip(job["references"], labels, strict=True))}
+            rasters: dict[int, tuple[Times, str]] = {}
+            channels = {ref: _channel(file, ref, folder, n, rasters) for n, ref in enumerate(job["references"])}
+            return {**about, "channels": channels}
     except _Refused as error:
         return {"refused": error.args[0], "hint": error.args[1]}
     except BaseException as error:  # it raises what it likes at damaged bytes
@@ -196,10 +201,13 @@ def _about(file: Any) -> dict[str, Any]:
     return {"start_ns": start_ns, "flags": int(getattr(file.header, "time_flags", 1)), "groups": groups}
 
 
-def _channel(file: Any, reference: str, target: Path) -> str:
-    """Write a channel; what the file says of it."""
-    import pyarrow as pa
+def _channel(
+    file: Any, reference: str, folder: Path, index: int, rasters: dict[int, tuple[Times, str]]
+) -> tuple[str, str, str]:
+    """Write a channel; what the file says of it, and the names of its times and values.
 
+    rasters : times that were written, and their names, by group
+    """
     name, _, number = reference.rpartition("@") if re.search(r"@\d+$", reference) else (reference, "", "")
     places = [place for place in file.whereis(name) if not number or place[0] == int(number)]
     if not places:
@@ -214,11 +222,14 @@ def _channel(file: Any, reference: str, target: Path) -> str:
         raise _Refused(f"the channel '{reference}' holds no single numbers", "choose another channel")
     seconds = np.asarray(signal.timestamps, dtype=np.float64)
     sane = np.isfinite(seconds) & (np.abs(seconds) < 1e8)
-    t_ns = np.round(np.where(sane, seconds, 0.0) * NS).astype(np.int64)
-    table = pa.table({"t_ns": t_ns[sane], "value": signal.samples.astype(np.float64)[sane]})
-    with pa.OSFile(str(target), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
-        writer.write_table(table)
-    return f"{name} [{signal.unit or '-'}] of group {places[0][0]}"
+    values = _CHANNELS.format(index)
+    np.save(folder / values, kept(signal.samples.astype(np.float64), sane), allow_pickle=False)
+    t_ns = np.round(kept(seconds, sane) * NS).astype(np.int64)
+    group = places[0][0]
+    if group not in rasters or not np.array_equal(t_ns, rasters[group][0]):  # samples may be invalid in one channel
+        rasters[group] = t_ns, _TIMES.format(index)
+        np.save(folder / rasters[group][1], t_ns, allow_pickle=False)
+    return f"{name} [{signal.unit or '-'}] of group {group}", rasters[group][1], values
 
 
 if __name__ == "__main__":

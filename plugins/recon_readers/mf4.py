@@ -79,26 +79,26 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
     mappings = list(params.channels.streams()) if params.channels is not None else []
     groups = {m.stream: [g for g in m.sources if wanted.of(m.stream, _names(m, g))] for m in mappings}
     references = {str(r): None for m in mappings for g in groups[m.stream] for r in m.sources[g].references}
-    from recon_readers._mf4_file import read_channels
+    from recon_readers._mf4_file import measurement
 
-    file = read_channels(path, list(references))
-    if params.channels is None:
-        hint = "say which is what with --set reader.mf4.channels=@MAPPING.yaml; its channels are\n  "
-        listed = "\n  ".join(_listed(file))
-        raise NothingUsable(path, "what its channels mean only a mapping tells", hint=f"{hint}{listed}")
-    start_ns, facts, learnt = _start(file, params)
-    made = {}
-    for mapping in mappings:
-        if not groups[mapping.stream]:
-            continue
-        parts = {
-            n: part for group in groups[mapping.stream] for n, part in _group(file, mapping, group, learnt).items()
-        }
-        kept = {name: _once(start_ns + t_ns, values, name, learnt) for name, (t_ns, values) in parts.items()}
-        t_ns, columns = interleave(kept)
-        columns, told = plausible(path, mapping.stream, columns)
-        made[mapping.stream] = with_meta(described(mapping.stream, t_ns, columns), **facts, **_facts(mapping))
-        learnt += told
+    with measurement(path, list(references)) as file:
+        if params.channels is None:
+            hint = "say which is what with --set reader.mf4.channels=@MAPPING.yaml; its channels are\n  "
+            listed = "\n  ".join(_listed(file))
+            raise NothingUsable(path, "what its channels mean only a mapping tells", hint=f"{hint}{listed}")
+        start_ns, facts, learnt = _start(file, params)
+        made = {}
+        for mapping in mappings:
+            if not groups[mapping.stream]:
+                continue
+            parts = {
+                n: part for group in groups[mapping.stream] for n, part in _group(file, mapping, group, learnt).items()
+            }
+            t_ns, columns = interleave(parts)
+            columns, told = plausible(path, mapping.stream, columns)
+            table = described(mapping.stream, start_ns + t_ns, columns)
+            made[mapping.stream] = with_meta(table, **facts, **_facts(mapping))
+            learnt += told
     if not any(table.num_rows for table in made.values()):
         raise NothingUsable(path, "none of the channels that are wanted holds a row", hint="correct the mapping")
     return {**made, "metrics": metrics([*learnt, *doubts(made)])}
@@ -145,21 +145,18 @@ def _group(file: Measurement, mapping: Stream, group: str, learnt: list[Metric])
     down = isinstance(source, Accel) and source.at_rest == "down"
     found, told = {}, []
     for name, index, sign in zip(names, axes, signs, strict=True):
-        signal = file.signals[str(source.references[index])]
+        signal = file.signal(str(source.references[index]))
         values = signal.values
         for number in source.invalid:
-            values = np.where(values == number, np.nan, values)
+            values[values == number] = np.nan
         values = np.asarray(convert(values * source.scale, source.unit or unit or "1", unit or "1"))
-        found[name] = signal.t_ns, values * (-sign if down else sign)
+        values *= -sign if down else sign
+        rows, sorted_out = rising(signal.t_ns, name)
+        learnt += sorted_out
+        found[name] = signal.t_ns[rows], values[rows]
         told.append(signal.label)
     learnt.append(Metric(f"channel_{group}", method=mapping.stream, note=f"{', '.join(told)}, taken for {source.unit}"))
     return found
-
-
-def _once(t_ns: Times, values: Array, name: str, learnt: list[Metric]) -> tuple[Times, Array]:
-    rows, told = rising(t_ns, name)
-    learnt += told
-    return t_ns[rows], values[rows]
 
 
 def _facts(mapping: Stream) -> dict[str, str]:
