@@ -101,13 +101,10 @@ def _times(path: Path) -> tuple[Times, Mask]:
 def _packets(folder: Path, count: int) -> tuple[Array, int]:
     """The numbers of each packet, (count, 30), NaN where its file is absent or damaged; how many are."""
     packets = np.full((count, WIDTH), np.nan)
-    for file in sorted(folder.glob("*.txt")):
-        row = int(file.stem) if file.stem.isdigit() and len(file.stem) < 12 else -1
-        if not 0 <= row < count:
-            continue
+    for row in range(count):
         try:
-            packets[row] = np.array(file.read_bytes().split(), dtype=np.float64)
-        except ValueError:  # another count of numbers, or no numbers
+            packets[row] = np.array((folder / f"{row:010d}.txt").read_bytes().split(), dtype=np.float64)
+        except (OSError, ValueError):  # absent; another count of numbers, or no numbers
             continue
     return packets, int(np.isnan(packets).all(axis=1).sum())
 

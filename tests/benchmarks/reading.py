@@ -46,6 +46,7 @@ KINDS = {
     "vbox": (texts.write_vbox, "drive.vbo", {"reader.vbox.axes": "FLU"}),
     "rtklib": (texts.write_rtklib, "drive.pos", {}),
     "kf_gins": (texts.write_kf_gins, "imu.txt", {}),
+    "kitti": (texts.write_kitti, "drive", {}),
     "nhtsa": (texts.write_nhtsa, "v1.EV5", {}),
     "novatel": (texts.write_novatel, "drive.log", {}),
     "sensor_logger": (texts.write_sensor_logger, "recording", {}),

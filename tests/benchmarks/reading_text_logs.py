@@ -85,6 +85,20 @@ def write_rtklib(path: Path, size: float) -> None:
     append_rows(path, size, make, " ")
 
 
+def write_kitti(path: Path, size: float) -> None:
+    """Packets at 100 Hz, a file each, as in the folders "extract"."""
+    data = path / "oxts" / "data"
+    data.mkdir(parents=True)
+    count = int(size / 300)
+    moments = np.datetime64("2011-09-26T13:02:25", "ns") + np.arange(count) * np.timedelta64(10_000_000, "ns")
+    (path / "oxts" / "timestamps.txt").write_text("\n".join(str(one).replace("T", " ") for one in moments) + "\n")
+    felt = np.random.default_rng(0).normal(size=(count, 6))
+    for at, values in enumerate(felt.round(12).tolist()):
+        numbers = [49.0 + 1e-8 * at, 8.43, 112.8, 0.02, 0.01, 1.5, 0.1, 9.9, 9.9, 0.0, 0.0, *values[:3], *values[:3]]
+        numbers += [*values[3:], *values[3:], 0.05, 0.01, 4, 10, 4, 4, 0]
+        (data / f"{at:010d}.txt").write_text(" ".join(map(str, numbers)) + "\n")
+
+
 def write_kf_gins(path: Path, size: float) -> None:
     """Increments of an IMU at 200 Hz."""
 
