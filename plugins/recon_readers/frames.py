@@ -25,6 +25,7 @@ from pydantic import field_validator
 from recon.errors import ReadFailed
 from recon.extras import needs
 from recon.hookspecs import hookimpl
+from recon.numerics.gnss_time import NS
 from recon.parameters import Params, setting
 from recon.problems import shortened
 from recon.rows import Metric, metrics, warning
@@ -35,6 +36,8 @@ from recon_readers._frame_times import Line, Told, is_image, lines_of, told_by
 
 LISTS: Final = (".txt", ".csv")
 """Endings of lists."""
+LONGEST_S: Final = 1e8
+"""s of a video; three years."""
 LONGEST_LIST: Final = 200_000_000
 """Bytes."""
 _HINT: Final = "give a list of times and files beside the images, or the list itself"
@@ -162,7 +165,7 @@ def _video(path: Path, params: FramesParams) -> _Frames:
     with needs("reader.frames", "av for videos", extra="video"):
         import av
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
                 raise ReadFailed(path, "it holds no video", hint="is it the right file?")
             video, facts = container.streams.video[0], dict(container.metadata)
@@ -173,15 +176,25 @@ def _video(path: Path, params: FramesParams) -> _Frames:
     if not shown or step is None:
         raise ReadFailed(path, "its video has no frame with a time", hint="is it the right file?")
     since = [int((pts - shown[0]) * step * 1_000_000_000) for pts in shown]
+    if since[-1] > LONGEST_S * NS:
+        raise ReadFailed(path, f"its frames are {since[-1] / NS:.3g} s apart", hint="it is damaged: copy it again")
     began, learnt = params.start_ns, []
     if began is None:
         stated = next((facts[key] for key in ("com.apple.quicktime.creationdate", "creation_time") if key in facts), "")
-        began = _since_1970(stated, 0) if stated else None
-        if stated:
+        began = _stated_ns(stated)
+        if began is not None:
             note = f"{path.name} says that it began at {stated}, to the second; some phones write when it ended"
             learnt.append(warning(note))
     told = [Told(t_ns + (began or 0), began is not None, True) for t_ns in since]
     return _Frames(told, range(len(since)), [path.name] * len(since), learnt)
+
+
+def _stated_ns(text: str) -> int | None:
+    """When a video says that it began, None where it says nothing or what is no time."""
+    try:
+        return _since_1970(text, 0)
+    except ValueError:
+        return None
 
 
 def _since_1970(text: str, zone_ns: int) -> int:

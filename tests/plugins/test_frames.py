@@ -180,6 +180,15 @@ def test_a_video_that_does_not_say_when_it_began_is_relative(tmp_path: Path) -> 
     assert meta(streams["frames"])["clock"] == "relative"
 
 
+def test_facts_of_a_video_that_are_no_text_or_no_time_say_nothing(tmp_path: Path) -> None:
+    path = video(tmp_path / "drive.mp4", [0, 33], creation_time="2019-11-26T10:00:00.000000Z", comment="by hand")
+    for damage in ((b"by hand", b"b\xcf hand"), (b"2019-11-26", b"2019-71-26")):
+        assert damage[0] in path.read_bytes()
+        path.write_bytes(path.read_bytes().replace(*damage))
+        assert read(path, FramesParams())["frames"].num_rows == 2
+    assert meta(read(path, FramesParams())["frames"])["clock"] == "relative"
+
+
 def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
     path = video(tmp_path / "drive.mp4", list(range(0, 1000, 40)))
     path.write_bytes(path.read_bytes()[:200])
