@@ -35,6 +35,7 @@ from recon.validation import validate_pipeline
 from recon.yaml_nodes import load_file
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import array_logs
 import autopilot_logs
 import measurement_logs
 import phone_logs
@@ -429,6 +430,72 @@ def gnsslogger_samples() -> list[Sample]:
     return [{"log.txt": phone_logs.gnsslogger(log, corrected=corrected).encode()} for corrected in (True, False)]
 
 
+# --- arrays, reports, frames ------------------------------------------------------------------------------------------
+
+
+def comma2k19_samples() -> list[Sample]:
+    """A segment of seven sensors, positions of a camera and their times."""
+    with tempfile.TemporaryDirectory() as scratch:
+        return [_files(array_logs.segment(Path(scratch, "seg")))]
+
+
+def navego_samples() -> list[Sample]:
+    """Structures of an IMU, a receiver and a reference: in a file, compressed and not, and in files of their own."""
+    made = {"imu1": array_logs.navego_imu(20.0), "gnss": array_logs.navego_gnss(), "ref": array_logs.navego_ref()}
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, structure in made.items():
+            array_logs.save_mat(Path(scratch, "drive", f"{name}.mat"), compressed=False, **{name: structure})
+        whole = [
+            {"drive.mat": array_logs.save_mat(Path(scratch, "drive.mat"), packed, **made).read_bytes()}
+            for packed in (False, True)
+        ]
+        return [_files(Path(scratch, "drive")), *whole]
+
+
+_REPORT: Final = """\
+Times (sec),"Speed, Vehicle Indicated (MPH [km/h])","Accelerator (%)","Service Brake (On, Off)"
+-5.0,34 [55],20,Off
+-0.5,30 [48],0,On
+0.0,28 [45],0,On
+
+Time (msec),"Delta-V, longitudinal (MPH [km/h])","Delta-V, lateral (MPH [km/h])","Long. acceleration (g)"
+0,0 [0],0 [0],-0.5
+10,-1 [-2],0 [0],-12.5
+20,-3 [-5],1 [1],-8
+"""
+
+
+def edr_csv_samples() -> list[Sample]:
+    """Reports of an event data recorder, parted by commas, semicolons and tabs."""
+    plain = _REPORT.replace('"', "").replace("Speed, ", "Speed ").replace("Delta-V, ", "Delta-V ")
+    plain = plain.replace("On, Off", "state")
+    return [{"edr.csv": text.encode()} for text in (_REPORT, plain.replace(",", ";"), plain.replace(",", "\t"))]
+
+
+def frames_samples() -> list[Sample]:
+    """Images whose names tell the time, lists of times and files, a video."""
+    import av
+
+    names = [f"{1_574_762_400_000 + 40 * n}" for n in range(20)]
+    listed = "".join(f"{name[:-3]}.{name[-3:]} images/{name}.png\n" for name in names)
+    sink = BytesIO()
+    with av.open(sink, "w", format="mp4", options={"movflags": "use_metadata_tags"}) as video:
+        video.metadata["creation_time"] = "2023-11-14T22:13:20Z"
+        stream = video.add_stream("mpeg4", rate=25)
+        stream.width, stream.height = 32, 32
+        for shade in range(10):
+            picture = av.VideoFrame.from_ndarray(np.full((32, 32, 3), 20 * shade, dtype=np.uint8), format="rgb24")
+            video.mux(stream.encode(picture))
+        video.mux(stream.encode())
+    return [
+        {**{f"{name}.png": b"" for name in names}, "times.txt": "\n".join(names).encode()},
+        {"rgb.txt": f"# timestamp filename\n{listed}".encode(), **{f"images/{name}.png": b"" for name in names}},
+        {"data.csv": ("#timestamp [ns],filename\n" + "".join(f"{n}000000,{n}.png\n" for n in names)).encode()},
+        {"drive.mp4": sink.getvalue()},
+        {"drive.mp4": sink.getvalue()},
+    ]
+
+
 _MAPPING: Final = Override.from_data("reader.csv.columns", _COLUMNS)
 _CHANNELS: Final = Override.from_data("reader.mf4.channels", measurement_logs.CHANNELS)
 _FOUR_COLUMNS: Final = Override.from_data("reader.physycom.sensor", "accelerometer")
@@ -448,4 +515,8 @@ TARGETS: Final[dict[str, Target]] = {
     "mf4": Target(mf4_samples, read_by("reader.mf4", _CHANNELS)),
     "ulog": Target(ulog_samples, read_by("reader.ulog")),
     "ardupilot": Target(ardupilot_samples, read_by("reader.ardupilot")),
+    "comma2k19": Target(comma2k19_samples, read_by("reader.comma2k19")),
+    "navego": Target(navego_samples, read_by("reader.navego")),
+    "edr_csv": Target(edr_csv_samples, read_by("reader.edr_csv")),
+    "frames": Target(frames_samples, read_by("reader.frames")),
 }

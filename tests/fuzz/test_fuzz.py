@@ -23,6 +23,7 @@ TARGETS = [
     *("novatel", "nhtsa", "gpmf"),
     *("foreign_mcap", "rosbag", "ulog", "ardupilot", "mf4"),
     *("sensor_logger", "phyphox", "gnsslogger"),
+    *("comma2k19", "navego", "edr_csv", "frames"),
 ]
 
 
