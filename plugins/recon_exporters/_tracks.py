@@ -221,7 +221,7 @@ def _note(table: pa.Table, rows: int, pieces: int, params: MapParams, *, with_he
     if facts.get("heading_kind") == "magnetic":
         parts.append("courses count from magnetic north")
     if facts.get("time_scale", "UTC") != "UTC":
-        parts.append(f"times are {facts['time_scale']}, not UTC")
+        parts.append(f"times are {facts['time_scale']} time, not UTC")
     if facts.get("clock") == "relative":
         parts.append("the clock was not set, so dates mean nothing")
     return "; ".join(parts) + "."

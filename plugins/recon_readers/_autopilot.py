@@ -88,8 +88,9 @@ class Log:
         t_ns = t_ns[rows] + (self.offset_ns or 0)
         clock = "absolute" if self.offset_ns is not None and len(t_ns) and t_ns[0] >= EARLIEST_NS else "relative"
         own = {name: value for name, value in facts.items() if value is not None}
+        scale = "UTC" if clock == "absolute" else "boot"
         table = described(stream, t_ns, chosen)
-        self.made[key] = with_meta(table, **self.facts, **own, clock=clock, time_scale="UTC", source=source)
+        self.made[key] = with_meta(table, **self.facts, **own, clock=clock, time_scale=scale, source=source)
         self.learnt.append(Metric("source", float(table.num_rows), method=key, note=source))
 
     def add_frd(self, stream: str, source: str, t_ns: Times, columns: MutableMapping[str, Array]) -> None:

@@ -138,7 +138,7 @@ def with_clock(folder: Path) -> tuple[Segment, list[Metric]]:
             segment = Segment(folder, round(offset_s * 1e6) * 1000, {"time_scale": "UTC", "clock": "absolute"})
             return segment, [Metric("clock_offset", offset_s, "s", note=f"UTC minus boot time, by the {source}")]
     text = "nothing in the segment tells UTC: times count from the boot of the phone"
-    return Segment(folder, 0, {"clock": "relative"}), [warning(text)]
+    return Segment(folder, 0, {"clock": "relative", "time_scale": "boot"}), [warning(text)]
 
 
 def _offsets(folder: Path) -> Iterator[tuple[float | None, str]]:

@@ -264,7 +264,8 @@ def make(part: Part, clock: Clock, values: dict[str, Array], rows: Mapping[str, 
             column = at_rows(kept(own[:, axis], mask), at, count)
             columns[name] = _typed(column if sign > 0.0 else -column, schema[name])
     table = build(schema.only(*rows), time=kept(t_ns, begins), **columns)
-    return with_meta(table, clock="absolute" if clock.absolute else "relative", **_facts(part))
+    told, scale = ("absolute", "UTC") if clock.absolute else ("relative", None)
+    return with_meta(table, clock=told, time_scale=scale, **_facts(part))
 
 
 def _typed(values: Array, column: Column) -> Any:
@@ -289,8 +290,9 @@ def _axes(mapping: Stream, group: str, width: int) -> tuple[Sequence[int], Seque
     return index, [1.0] * width if group.endswith("std") else [down * sign for sign in signs]
 
 
-def _facts(part: Part) -> dict[str, str]:
-    return {"time_scale": "UTC", "format": "csv", **gnss_facts(part.mapping, part.columns)}
+def _facts(part: Part) -> dict[str, str | None]:
+    axes = next((part.mapping.axes_of(group) for group in ("accel", "gyro", "mag") if group in part.columns), "")
+    return {"format": "csv", "axes": axes or None, **gnss_facts(part.mapping, part.columns)}
 
 
 def assumptions(sheet: Sheet, part: Part, values: Mapping[str, Array]) -> list[Metric]:
@@ -313,7 +315,7 @@ def assumptions(sheet: Sheet, part: Part, values: Mapping[str, Array]) -> list[M
         if len(rates) and np.percentile(rates, 99) > FASTEST_TURN:
             text = f"a hundredth of the rates exceed {FASTEST_TURN:g} rad/s: is the gyroscope's unit deg/s?"
             found.append(warning(text))
-    facts = _facts(part)
+    facts = gnss_facts(part.mapping, part.columns)
     found += [Metric(f"assumed_{key}", note=facts[key]) for key in ("height_datum", "heading_kind") if key in facts]
     return found
 

@@ -284,9 +284,9 @@ def _table(stream: str, group: Sequence[tuple[str, Times, dict[str, Array], dict
         t_ns, spread = interleave(parts)
         columns = {key.partition("/")[2]: values for key, values in spread.items()}
         facts = {key: value for *_, own in group for key, value in own.items()}
-    clock = "absolute" if len(t_ns) and t_ns[0] >= EARLIEST_NS else "relative"
+    clock, scale = ("absolute", "UTC") if len(t_ns) and t_ns[0] >= EARLIEST_NS else ("relative", "boot")
     table = described(stream, t_ns, columns)
-    return with_meta(table, **facts, topic=", ".join(one[0] for one in group), clock=clock, time_scale="UTC")
+    return with_meta(table, **facts, topic=", ".join(one[0] for one in group), clock=clock, time_scale=scale)
 
 
 def _some(names: Sequence[str]) -> str:

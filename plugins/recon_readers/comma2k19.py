@@ -122,7 +122,7 @@ def _imu(segment: Segment) -> _Made:
         return {}, []
     t_ns, groups = interleave(parts)
     learnt.append(Metric("axes", note="imu and mag: logged along forward, right, down; given along forward, left, up"))
-    return {"imu": build(IMU.only(*groups), time=t_ns, **groups)}, learnt
+    return {"imu": with_meta(build(IMU.only(*groups), time=t_ns, **groups), axes="FRD")}, learnt
 
 
 def _mag(segment: Segment) -> _Made:
@@ -131,7 +131,7 @@ def _mag(segment: Segment) -> _Made:
         return {}, []
     mag = found.values * FRONT_RIGHT_DOWN * _MICRO
     refuse_impossible(found.path, mag=mag)
-    return {"mag": build(MAG, time=found.t_ns, mag=mag)}, found.learnt
+    return {"mag": with_meta(build(MAG, time=found.t_ns, mag=mag), axes="FRD")}, found.learnt
 
 
 def _gnss(segment: Segment) -> _Made:

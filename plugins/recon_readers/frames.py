@@ -102,8 +102,8 @@ def read(path: Path, params: FramesParams) -> Streams:
         index=np.array(found.numbers, dtype=np.int64)[rows],
         file=pa.array([found.files[row] for row in rows.tolist()], pa.string()),
     )
-    clock = "relative" if zero_ns is None else "absolute"
-    return {"frames": with_meta(table, time_scale="UTC", clock=clock), "metrics": metrics(learnt)}
+    clock, scale = ("relative", None) if zero_ns is None else ("absolute", "UTC")
+    return {"frames": with_meta(table, time_scale=scale, clock=clock), "metrics": metrics(learnt)}
 
 
 def _folder(path: Path, params: FramesParams) -> _Frames:

@@ -72,7 +72,8 @@ def read(path: Path, params: GpmfParams) -> Streams:
     if not streams:
         keys = ", ".join(found) or "none"
         raise ReadFailed(path, f"its {len(places)} payloads hold no measurement ({keys})", hint=COPIED)
-    facts = {"format": "GPMF", "clock": "relative" if zero_ns is None else "absolute", "time_scale": "UTC"}
+    clock, scale = ("relative", None) if zero_ns is None else ("absolute", "UTC")
+    facts = {"format": "GPMF", "clock": clock, "time_scale": scale}
     note = f"the index of {path.name} is missing or damaged: its payloads were searched for"
     doubt = [warning(note)] if unclosed else []
     rows = [*doubt, Metric("payloads", float(len(places)), note=counts), *_clock(zero_ns), *told, *learnt]

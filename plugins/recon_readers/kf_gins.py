@@ -83,7 +83,8 @@ def read(path: Path, params: KfGinsParams) -> Streams:
         made, learnt = _MAKERS[name](lines, *_times(lines, week))
         told += [*lines.learnt(), *learnt]
         if made is not None:
-            facts = {"format": "KF-GINS", "clock": "relative" if week is None else "absolute", "time_scale": "UTC"}
+            clock, scale = ("relative", None) if week is None else ("absolute", "UTC")
+            facts = {"format": "KF-GINS", "clock": clock, "time_scale": scale}
             parts.append(Recording({name: with_meta(made, **facts)}, {"sources": [file.name]}))
     if not parts:
         raise ReadFailed(path, "no row holds a measurement", line=1, hint="check that the log was copied completely")

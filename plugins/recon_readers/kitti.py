@@ -62,10 +62,14 @@ def read(path: Path, params: KittiParams) -> Streams:
         raise ReadFailed(folder / "data", "no packet holds a place", hint="copy the folder again")
     facts: dict[str, Any] = {"format": "KITTI oxts", "clock": "absolute", "time_scale": "UTC"}
     placed = {**facts, "height_datum": "ellipsoid"}
-    world = {**facts, **anchored}
+    felt, world = {**facts, "axes": "FLU"}, {**facts, **anchored}
     streams: Streams = {}
     learnt = [Metric("packets", float(len(packets))), *_told(folder, damaged, params)]
-    for name, schema, more in (("imu", IMU, facts), ("gnss", GNSS, placed), ("reference", REFERENCE, world)):
+    for name, schema, more in (
+        ("imu", IMU, felt),
+        ("gnss", GNSS, placed),
+        ("reference", REFERENCE, world),
+    ):
         table, told = stream(Source(folder / "data", name), schema, t_ns, missing, groups[name])
         learnt += told
         if table is not None:

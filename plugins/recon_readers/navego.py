@@ -192,7 +192,7 @@ def _imu(file: Path, name: str, fields: Fields) -> _Made:
     refuse_impossible(file, accel=accel, gyro=gyro)
     table = build(IMU.only("accel", "gyro"), time=t_ns, accel=accel * FRONT_RIGHT_DOWN, gyro=gyro * FRONT_RIGHT_DOWN)
     axes = Metric("axes", note=f"{name}: logged along forward, right, down; given along forward, left, up")
-    return _described(table), [*learnt, axes]
+    return with_meta(_described(table), axes="FRD"), [*learnt, axes]
 
 
 def _gnss(file: Path, name: str, fields: Fields) -> _Made:

@@ -149,7 +149,7 @@ def _imu(path: Path, found: Found) -> _Made:
     times = t_ns[1:][good] - step_ns[good] // 2
     made, learnt = stream(Source(path, "imu"), _IMU, times, np.zeros(len(times), dtype=bool), columns)
     note = "imu: CORRIMUDATA, right, forward, up of the vehicle, given as forward, left, up; without gravity and biases"
-    return made, [Metric("axes", note=note), *learnt]
+    return None if made is None else with_meta(made, axes="RFU"), [Metric("axes", note=note), *learnt]
 
 
 _CORRECTED: Final = {

@@ -203,9 +203,9 @@ def _utc_ns(time_ns: Any, params: PhysycomParams) -> Any:
     return time_ns + (EPOCH_2000_NS - round(params.clock_offset * NS))
 
 
-def _clock(log: Log) -> dict[str, str]:
-    clock = "absolute" if log.first_ns >= EARLIEST_S * NS else "relative"
-    return {"time_scale": "UTC", "clock": clock, "format": f"physycom {log.format}"}
+def _clock(log: Log) -> dict[str, str | None]:
+    clock, scale = ("absolute", "UTC") if log.first_ns >= EARLIEST_S * NS else ("relative", None)
+    return {"time_scale": scale, "clock": clock, "format": f"physycom {log.format}"}
 
 
 @hookimpl

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -87,10 +87,10 @@ def read(path: Path, params: UbxParams) -> Streams:
         raise ReadFailed(path, f"it holds no fix, imu or wheel speed: {_about(found)}", hint=_hint(learnt))
     if streams.keys() & {"imu", "wheel"}:
         learnt += clock
-    facts: dict[str, Any] = {"format": "UBX", "time_scale": "UTC"}
     for name, table in streams.items():
         absolute = name == "gnss" or zero_ns is not None
-        streams[name] = with_meta(table, **facts, clock="absolute" if absolute else "relative")
+        kind, scale = ("absolute", "UTC") if absolute else ("relative", "boot")
+        streams[name] = with_meta(table, format="UBX", time_scale=scale, clock=kind)
     if "gnss" in streams:
         streams["gnss"] = with_meta(streams["gnss"], height_datum="ellipsoid", heading_kind="course_true")
     return {**streams, "metrics": metrics(learnt)}

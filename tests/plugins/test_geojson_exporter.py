@@ -287,7 +287,7 @@ def test_raw_gnss_is_a_track_of_its_own_unless_it_is_not_wanted(tmp_path):
 def test_times_on_another_scale_or_of_a_clock_never_set_are_told(tmp_path):
     table = with_meta(drive(TENTHS), time_scale="GPS", clock="relative")
     said = export(tmp_path, trajectory=table)["description"]
-    assert "times are GPS, not UTC" in said
+    assert "times are GPS time, not UTC" in said
     assert "dates mean nothing" in said
 
 
