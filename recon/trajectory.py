@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from html import escape
@@ -20,6 +21,7 @@ from recon.placing import EARTHS
 from recon.problems import shortened
 from recon.tables import Array, has, known_rows, matrix, meta, seconds, select_rows, time_ns, vector
 from recon.units import parse_quantity
+from recon.utc import iso_ns
 
 if TYPE_CHECKING:
     from pyquaternion import Quaternion
@@ -35,6 +37,7 @@ HINT: Final = (
     "numpy.datetime64"
 )
 """What a time may be."""
+_FRAME: Final = re.compile(r"#[0-9]{1,18}")
 
 _LONGEST_STEP_S: Final = 10.0
 """Between two fixes the mean of their speeds is taken for the speed, as long as they are no further apart,"""
@@ -223,7 +226,7 @@ def _several(times: Times) -> bool:
 
 
 def _names_frame(one: Any) -> bool:
-    return isinstance(one, str) and one.startswith("#") and one[1:].isdecimal() and one.isascii()
+    return isinstance(one, str) and _FRAME.fullmatch(one) is not None
 
 
 def _outside(t_ns: NDArray[np.int64], own: NDArray[np.int64]) -> DataError:
@@ -258,7 +261,7 @@ def _nanoseconds(one: Any, start: int) -> int:
         return start + round(float(one) * 1e9)
     if isinstance(one, str):
         try:
-            one = datetime.fromisoformat(one)
+            return iso_ns(one)
         except ValueError:
             return start + round(parse_quantity(one, into="s") * 1e9)
     if isinstance(one, datetime):

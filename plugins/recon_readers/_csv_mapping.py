@@ -16,9 +16,7 @@ A column is named by its word in the header, or by its number, which counts from
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 from pydantic import (
@@ -36,9 +34,9 @@ from recon.problems import did_you_mean
 from recon.schema import STREAMS, Change
 from recon.stages import Schemas
 from recon.units import convert
+from recon.utc import iso_ns, zone_ns
 
 _TEXTS: Final = ("iso", "day_first", "month_first")
-_ZONE: Final = re.compile(r"[+-]\d\d:?[0-5]\d")
 DEGREES: Final = ("lat", "lon")
 """Groups whose unit need not be told."""
 
@@ -106,10 +104,9 @@ class Time(Part):
             raise ValueError("the time needs either 'column' or 'columns'")
         if (self.format == "gps_week") != (self.columns is not None) and self.format not in _TEXTS:
             raise ValueError("gps_week needs 'columns: [week, seconds]', and every other number one 'column'")
-        if not _ZONE.fullmatch(self.zone):
-            raise ValueError(f"the zone '{self.zone:.20}' cannot be read; write it as +02:00")
+        zone = zone_ns(self.zone)
         try:
-            datetime.fromisoformat(self.start or "1970-01-01")
+            iso_ns(self.start or "1970-01-01", zone)
         except ValueError:
             raise ValueError(f"the start '{self.start:.40}' is no ISO 8601 time; write 2026-06-08T14:54:08Z") from None
         return self
@@ -117,18 +114,12 @@ class Time(Part):
     @property
     def zone_ns(self) -> int:
         """Local time minus UTC in ns."""
-        hours, minutes = self.zone[1:3], self.zone[-2:]
-        return int(f"{self.zone[0]}1") * (60 * int(hours) + int(minutes)) * 60_000_000_000
+        return zone_ns(self.zone)
 
     @property
     def start_ns(self) -> int:
         """The zero of the times as ns since 1970 UTC, 0 where none is given."""
-        if not self.start:
-            return 0
-        start = datetime.fromisoformat(self.start)
-        since = start.replace(tzinfo=start.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC)
-        zone = self.zone_ns if start.tzinfo is None else 0
-        return (since // timedelta(microseconds=1)) * 1000 - zone
+        return iso_ns(self.start, self.zone_ns) if self.start else 0
 
     @property
     def references(self) -> tuple[int | str, ...]:

@@ -24,7 +24,6 @@ Reference: ASAM MDF 4.1, Measurement Data Format.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -40,7 +39,8 @@ from recon.schema import STREAMS, Schema, spread
 from recon.stages import EVERYTHING, Reader, Schemas, Sniff, Wanted
 from recon.tables import Array, Streams, with_meta
 from recon.units import convert
-from recon_readers._arrays import NS, interleave
+from recon.utc import zone_ns
+from recon_readers._arrays import interleave
 from recon_readers._csv_mapping import Accel, Vector, gnss_facts, schemas
 from recon_readers._mf4_channels import Channels, Stream
 from recon_readers._sensing import described, doubts, plausible, rising
@@ -65,10 +65,7 @@ class Mf4Params(Params):
     @property
     def zone_ns(self) -> int | None:
         """Local time minus UTC, ns; None where it is not told."""
-        found = re.fullmatch(r"([+-])(\d\d):(\d\d)", self.zone)
-        if not found:
-            return None
-        return int(f"{found[1]}1") * (60 * int(found[2]) + int(found[3])) * 60 * NS
+        return zone_ns(self.zone) if self.zone else None
 
 
 def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:

@@ -46,8 +46,9 @@ from recon.numerics.geodesy import Anchor, geodetic_to_enu, normal_gravity
 from recon.numerics.motion import EarthTruth, Springs
 from recon.numerics.rotation import Floats, conjugate, from_euler, rotate
 from recon.schema import IMU_TRUTH, Schema
+from recon.utc import iso_ns
 from recon_simulators.baro_model import barometer
-from recon_simulators.drive_params import DriveParams, since_1970_ns
+from recon_simulators.drive_params import DriveParams
 from recon_simulators.gnss_model import (
     GnssFixes,
     GnssModel,
@@ -332,7 +333,7 @@ def _axes(name: str, values: Iterable[float], unit: str, note: str) -> Iterable[
 
 def _stamps(t_s: Floats, params: DriveParams) -> NDArray[np.int64]:
     """Times since the start as ns since 1970: (n,)."""
-    return np.asarray(since_1970_ns(params.start) + np.rint(t_s * 1e9).astype(np.int64))
+    return np.asarray(iso_ns(params.start) + np.rint(t_s * 1e9).astype(np.int64))
 
 
 def _plan(inputs: Mapping[str, Schema], params: DriveParams) -> dict[str, Schema]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Literal, TypeAlias
 
 from pydantic import ValidationInfo, field_validator
 
 from recon import Params, quantity, setting
+from recon.utc import iso_ns
 
 Triple: TypeAlias = tuple[float, float, float]
 Pair: TypeAlias = tuple[float, float]
@@ -94,7 +94,7 @@ class _Motion(Params):
     @field_validator("start")
     @classmethod
     def _is_a_time(cls, value: str) -> str:
-        since_1970_ns(value)
+        iso_ns(value)
         return value
 
 
@@ -242,10 +242,3 @@ class DriveParams(_Air):
         if value is not None and not 0.0 < value[0] <= value[1]:
             raise ValueError(f"{value[0]:g} to {value[1]:g} is no range above zero")
         return value
-
-
-def since_1970_ns(text: str) -> int:
-    """Time of an ISO 8601 text in ns; UTC where it names no zone. Raises ValueError."""
-    moment = datetime.fromisoformat(text)
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    return (aware - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000

@@ -22,7 +22,8 @@ from recon import Metric
 from recon.magnetic import declination, magnetic_field_n
 from recon.numerics.motion import EarthTruth
 from recon.numerics.rotation import Floats, conjugate, rotate
-from recon_simulators.drive_params import DriveParams, since_1970_ns
+from recon.utc import iso_ns
+from recon_simulators.drive_params import DriveParams
 from recon_simulators.gnss_model import random_outages
 from recon_simulators.route import Route
 from recon_simulators.sensor_model import regular_times
@@ -117,7 +118,7 @@ def magnetometer(
     field_n = params.earth_field
     if field_n is None:
         place = route.anchor
-        earth = magnetic_field_n(place.lat, place.lon, place.height, since_1970_ns(params.start))
+        earth = magnetic_field_n(place.lat, place.lon, place.height, iso_ns(params.start))
         field_n = (float(earth[0]), float(earth[1]), float(earth[2]))
     hard, soft = drawn_iron(values["mag_hard_iron"], values["mag_soft_iron"], iron)
     spans = random_outages(values["mag_disturbance_rate"], values["mag_disturbance_length"], route.duration_s, places)

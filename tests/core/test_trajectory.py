@@ -94,6 +94,12 @@ def test_an_array_of_datetime64_is_taken_to_the_nanosecond() -> None:
     np.testing.assert_array_equal(poses.time, times)
 
 
+def test_a_text_is_taken_to_the_nanosecond() -> None:
+    assert Trajectory(line()).at("2024-05-01T08:00:02.123456789Z").time == np.datetime64(
+        "2024-05-01T08:00:02.123456789"
+    )
+
+
 def test_no_times_give_no_poses() -> None:
     assert len(Trajectory(line()).at([])) == 0
 
@@ -306,6 +312,8 @@ def test_frames_and_durations_name_times() -> None:
     assert found.at("#12").position == pytest.approx([7.5, 10.0, 0.0])
     assert found.at("2.5s").time == found.at("0.05 min").time - np.timedelta64(500, "ms") == found.at("#12").time
     assert found.between("#7", "#12").duration == 2.0
+    with pytest.raises(DataError, match="is no time"):
+        found.at("#" + 5000 * "9")  # more digits than Python makes a number of
     with pytest.raises(DataError, match="there is no frame #9; there are #7 to #12"):
         found.at("#9")
     with pytest.raises(DataError, match="no stream 'frames'"):
