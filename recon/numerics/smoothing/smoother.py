@@ -147,7 +147,7 @@ class Smoother:
         damping, done = 0.0, False
         self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
         for count in range(1, MOST_STEPS + 1):
-            state, made = self._kept_fresh(state, noise, made)
+            state, made = self._kept_fresh(state, noise, made, landed=count != 2)
             here = self._linearise(state, noise, gravity, made, loss, sharpness, count)
             sharpness = here.sharpness
             try:
@@ -208,9 +208,12 @@ class Smoother:
             moved_lag=self.moved_lag,
         )
 
-    def _kept_fresh(self, state: State, noise: Noise, made: Integrated) -> tuple[State, Integrated]:
-        """Integrated anew where biases went far, with stamps moved where the lag did."""
-        if _stale(state, made.increments):
+    def _kept_fresh(self, state: State, noise: Noise, made: Integrated, landed: bool) -> tuple[State, Integrated]:
+        """Integrated anew where biases went far, with stamps moved where the lag did.
+
+        landed : false after the first step, which overshoots what the second takes back, biases and scale errors most
+        """
+        if landed and _stale(state, made.increments):
             made = self._integrated(state, noise)
         if abs(state.common[LAG]) > _STALE_LAG:
             self.moved_lag += float(state.common[LAG])
