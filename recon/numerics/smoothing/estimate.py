@@ -101,7 +101,7 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     """
     chosen = _most_motion(smoother)
     whole = chosen == slice(0, smoother.drive.samples.intervals)
-    part = smoother if whole else Smoother(part_of(smoother.drive, chosen), smoother.model)
+    part = smoother if whole else _part(smoother, chosen, start)
     part.datum = part.datum.mounted(smoother.datum.rot_vs)
     state = start if whole else knots_of(start, chosen)
     noise = at_least_still(noise, smoother.still_noise)
@@ -134,6 +134,12 @@ def _most_motion(smoother: Smoother) -> slice:
     total = np.concatenate([[0.0], np.cumsum(moved)])
     first = int(np.argmax(total[window:] - total[:-window]))
     return slice(first, first + window)
+
+
+def _part(smoother: Smoother, intervals: slice, start: State) -> Smoother:
+    """For some intervals, whose samples are summed up already."""
+    increments = smoother.increments(start).part(intervals)
+    return Smoother(part_of(smoother.drive, intervals), smoother.model, increments=increments)
 
 
 def part_of(drive: Drive, intervals: slice) -> Drive:

@@ -222,13 +222,13 @@ def _measured(changes: _Changes, grid: _Grid, reach: int) -> Mask:
 
 def _means(changes: _Changes, integral: Floats, start_s: float, reach: int) -> Floats:
     """Means of the sensor between the fixes for lags of -reach - 1 to reach + 1 steps: (J + 2, 3, m)."""
-    back = np.arange(-reach - 1, reach + 2)[:, None]
+    back = np.arange(-reach - 2, reach + 2)[:, None]
     at = []
     for stamp in (changes.begin_s, changes.end_s):
         place = (stamp - start_s) / _STEP_S
         left = np.floor(place).astype(np.intp)
         value = integral[:, left - back]
-        at.append(value + (place - left) * (integral[:, left - back + 1] - value))
+        at.append(value[:, 1:] + (place - left) * (value[:, :-1] - value[:, 1:]))
     return np.asarray((at[1] - at[0]).swapaxes(0, 1) / (changes.end_s - changes.begin_s))
 
 
@@ -260,7 +260,7 @@ def _regress(rate: Floats, means: Floats, weight: Floats) -> _Fit:
     total = weight.sum()
     y = rate - weight @ rate / total
     weighted = means * weight
-    centre = weighted.sum(axis=2) / total
+    centre = means @ weight / total
     moment = weighted @ means.swapaxes(1, 2) - total * centre[:, :, None] * centre[:, None, :]
     inverse = np.linalg.pinv(moment, hermitian=True)
     with_y = weighted @ y

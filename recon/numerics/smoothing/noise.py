@@ -77,7 +77,7 @@ _FARTHEST: Final = 1.0
 class Moments:
     """Second moments of the step about the linearisation: x x^T + covariance.
 
-    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (N, 18, 21); both_common : (21, 21)
+    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (27, N, 18); both_common : (27, 27)
     step : (N, 18), step_common : (27,)
     """
 
@@ -93,7 +93,7 @@ class Moments:
         blocks = part.blocks
         quadratic = np.einsum("nij,nij->", blocks[:, :, :KNOT_SIZE], self.own)
         quadratic += 2.0 * np.einsum("nij,nij->", blocks[:-1, :, KNOT_SIZE:], self.next)
-        quadratic += 2.0 * np.einsum("gni,nig->", part.border[:-1], self.common)
+        quadratic += 2.0 * np.vdot(part.border[:-1], self.common)
         quadratic += (part.corner[:-1, :-1] * self.both_common).sum()
         linear = (part.border[-1] * self.step).sum() + part.corner[:-1, -1] @ self.step_common
         return float(part.cost - 2.0 * linear + quadratic)
@@ -152,8 +152,8 @@ class Likelihood:
         found = solve_bordered(system, border, self.total.corner[np.ix_(keep, keep)])
         inverse = selected_inverse(system, found)
         step = found.step
-        common = np.zeros((len(step), KNOT_SIZE, COMMON_SIZE))
-        common[..., free] = global_covariances(inverse)
+        common = np.zeros((COMMON_SIZE, *step.shape))
+        common[free] = np.moveaxis(global_covariances(inverse), -1, 0)
         step_common = np.zeros(COMMON_SIZE)
         step_common[free] = found.step_global
         both = np.zeros((COMMON_SIZE, COMMON_SIZE))
@@ -161,7 +161,7 @@ class Likelihood:
         return Moments(
             own=marginals(inverse) + step[:, :, None] * step[:, None, :],
             next=cross_covariances(inverse) + step[:-1, :, None] * step[1:, None, :],
-            common=common + step[:, :, None] * step_common,
+            common=common + step * step_common[:, None, None],
             both_common=both + np.outer(step_common, step_common),
             step=step,
             step_common=step_common,
@@ -214,8 +214,8 @@ class Likelihood:
         z[:, :here, :here] = moments.own[:-1, HERE, HERE]
         z[:, :here, here:both] = moments.next[:, HERE, THERE]
         z[:, here:both, here:both] = moments.own[1:, THERE, THERE]
-        z[:, :here, both:-1] = moments.common[:-1, HERE, SCALES]
-        z[:, here:both, both:-1] = moments.common[1:, THERE, SCALES]
+        z[:, :here, both:-1] = np.moveaxis(moments.common[SCALES, :-1, HERE], 0, -1)
+        z[:, here:both, both:-1] = np.moveaxis(moments.common[SCALES, 1:, THERE], 0, -1)
         z[:, both:-1, both:-1] = moments.both_common[SCALES, SCALES]
         z[:, :here, -1], z[:, here:both, -1] = -moments.step[:-1, HERE], -moments.step[1:, THERE]
         z[:, both:-1, -1], z[:, -1, -1] = -moments.step_common[SCALES], 1.0

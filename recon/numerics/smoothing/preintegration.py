@@ -100,6 +100,15 @@ class Increments:
     dv: Floats
     dp: Floats
 
+    def part(self, intervals: slice) -> Increments:
+        """Those of some intervals."""
+        m = self.q.shape[1] // len(self.duration)
+        steps = slice(intervals.start * m, intervals.stop * m)
+        kept = {name: value[..., intervals] for name, value in vars(self).items()}
+        kept.update(scale=self.scale, q=self.q[:, steps], dv=self.dv[:, steps], dp=self.dp[:, steps])
+        kept.update(covariance_gyro=self.covariance_gyro[intervals], covariance_accel=self.covariance_accel[intervals])
+        return Increments(**kept)
+
 
 @dataclass(frozen=True)
 class _Path:

@@ -85,10 +85,16 @@ class Smoother:
 
     arrival : what is known of the first knot and of what is common, in place of the priors of the model
     moved_lag : s, what the stamps of the fixes are moved by, where it is known beforehand
+    increments : of the samples, where they are summed up already
     """
 
     def __init__(
-        self, drive: Drive, model: Model, arrival: Arrival | None = None, moved_lag: float | None = None
+        self,
+        drive: Drive,
+        model: Model,
+        arrival: Arrival | None = None,
+        moved_lag: float | None = None,
+        increments: Increments | None = None,
     ) -> None:
         self.drive, self.model, self.arrival = drive, model, arrival
         samples = drive.samples
@@ -107,7 +113,7 @@ class Smoother:
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
         self.normal = Normal(samples.intervals + 1)
         self.aids = [aid.at(knots) for aid in drive.aids]
-        self._increments: Increments | None = None
+        self._increments = increments
         self.datum = Datum.of(drive.fixes, model.mounting)
         self.free = free_of(model) if arrival is None else arrival.free
         self._place()

@@ -208,6 +208,20 @@ def test_intervals_worked_on_in_several_chunks_are_those_worked_on_alone():
         assert_allclose(inc.dp[:, rows.start : rows.stop - 1], one.dp, rtol=0.0, atol=ROUNDING)
 
 
+def test_increments_of_some_intervals_are_those_of_their_samples():
+    samples = jittered(10, 12)
+    biases, scale = np.random.default_rng(3).normal(0.0, 0.01, (2, 3, 12)), np.full(6, 0.01)
+    rows, steps = slice(40, 91), slice(40, 90)
+    alone = Samples(
+        samples.t_s[rows], samples.gyro_s[rows], samples.accel_s[rows], samples.filled[steps], samples.row[rows], 10
+    )
+    part = preintegrate(samples, *biases, scale).part(slice(4, 9))
+    summed = preintegrate(alone, *biases[..., 4:9], scale)
+    for name, value in vars(summed).items():
+        # Quaternions are multiplied in blocks, whose size is another one: rounding of a few products.
+        assert_allclose(getattr(part, name), value, rtol=0.0, atol=1e-14, err_msg=name)
+
+
 def test_biases_and_scale_errors_are_taken_off():
     samples, true = drive(100, 4.0, 200), plain(drive(100, 4.0, 200))
     bias_g, bias_a = np.array([0.01, -0.02, 0.03]), np.array([0.3, -0.1, 0.2])
