@@ -28,7 +28,7 @@ from map_drives import (
     without,
 )
 
-from recon import ATTITUDE, Streams, build, matrix, time_ns, vector, with_meta
+from recon import ATTITUDE, Streams, build, matrix, spans, time_ns, vector, with_meta
 from recon.numerics.rotation import from_euler, multiply
 from recon.rows import warnings_of
 
@@ -269,6 +269,26 @@ def test_minutes_without_fixes_are_bridged(first: float, last: float, duration: 
 def test_sigmas_cover_what_minutes_without_fixes_cost(first: float, last: float, duration: float) -> None:
     """Three sigmas: the errors of one outage are all but one error."""
     assert np.median([one.over_sigma((first, last)) for one in bridged(first, last, duration)]) < 3.0
+
+
+def test_a_stop_without_fixes_is_told_from_creeping_by_the_trajectory() -> None:
+    """From 334 to 352 s this car creeps at 1 m/s, as quietly as it stands from 354 to 401 s."""
+    streams = drive(
+        seed=50006,
+        duration=420.0,
+        outages=((330.0, 380.0),),
+        outage_rate=0.0,
+        imu_rate=50.0,
+        vibration_band=(8.0, 22.0),
+    )
+    result = fused(streams)
+    stood = (np.array(spans(result["events"], "standstill")) - time_ns(streams["imu"])[0]) * 1e-9
+    (silent,) = stood[(stood[:, 1] > 330.0) & (stood[:, 0] < 380.0)]
+    assert 354.0 < silent[0] < 357.0  # a stop loses a second to windows, and what the body sways after it
+    assert 398.0 < silent[1] < 401.0
+    # A second of it is known to 0.02 m/s, and all of it, more than ten, to a third of that.
+    at_rest = matrix(result["trajectory"], "vel")[np.searchsorted(errors(streams, result).t_s, 365.0)]
+    assert np.linalg.norm(at_rest) < 0.02
 
 
 def test_wheels_help_most_where_there_are_no_fixes() -> None:

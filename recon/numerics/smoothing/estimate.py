@@ -3,6 +3,7 @@
     1. closed-form start
     2. Cauchy's loss on twenty minutes of the drive at most, and the noise that is most likely there
     3. truncated least squares on the whole drive with that noise
+    4. stops far from any fix, where the trajectory shows that what looks quiet does stand: once more with these
 
 Noise comes before hard rejection: an IMU believed too good makes outliers of good fixes.
 """
@@ -14,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from recon.numerics.signals import runs
 from recon.numerics.smoothing.alignment import flip_needed
 from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
 from recon.numerics.smoothing.earth import level_rotation
@@ -25,11 +27,14 @@ from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
 from recon.numerics.smoothing.solved import Solved
 from recon.numerics.smoothing.start import start_state
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, MOUNT, POSITION, ROTATION, VELOCITY, State
+from recon.numerics.smoothing.stops import SLOW, Mask
 
 NOISE_FROM_S: Final = 1200.0
 """s of the drive from which the noise is estimated: more does not tell it better than the priors do."""
 
 _MOST_ROUNDS: Final = 4
+_SURE, _AT_REST = 3.0, 0.05
+"""Sigmas; m/s by which the speed of a vehicle at rest may come out wrong beyond them."""
 _MOST_REJECTED: Final = 0.15
 """Share of the fixes."""
 _GROWN_FIXES, _GROWN_MOTION = 1.2, 2.0
@@ -64,7 +69,27 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
-    return with_covariances(smoother, solved)
+    found = with_covariances(smoother, solved)
+    for _ in range(_MOST_ROUNDS):
+        standing = _standing(found)
+        if not standing.any():
+            break
+        smoother.believe(standing)
+        found = with_covariances(smoother, smoother.solve(found.solved.state, noise, "tls"))
+    return found
+
+
+def _standing(found: Estimate) -> Mask:
+    """Quiet stretches without fixes whose speed is none for all that is known, and not that of a queue: (B,) blocks."""
+    smoother = found.smoother
+    t_s, knots = smoother.blocks.t_s, smoother.drive.samples.knot_times
+    standing = np.zeros(len(t_s), dtype=bool)
+    for first, stop in runs(smoother.quiet):
+        k = np.flatnonzero((knots > t_s[first]) & (knots < t_s[stop - 1]))
+        speed = np.sqrt((found.solved.state.vel_n[:, k] ** 2).sum(axis=0))
+        doubt = _SURE * np.sqrt(np.linalg.eigvalsh(found.covariance[k][:, VELOCITY, VELOCITY])[:, -1])
+        standing[first:stop] = len(k) > 0 and bool(((speed < doubt + _AT_REST) & (speed + doubt < SLOW)).all())
+    return standing
 
 
 def with_covariances(smoother: Smoother, solved: Solved) -> Estimate:

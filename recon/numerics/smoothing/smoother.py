@@ -56,7 +56,15 @@ from recon.numerics.smoothing.state import (
     SCALES,
     State,
 )
-from recon.numerics.smoothing.stops import SLOW, Mask, block_means, still_blocks, still_noise, still_spans
+from recon.numerics.smoothing.stops import (
+    SLOW,
+    Mask,
+    block_means,
+    find_stops,
+    quiet_in_silence,
+    still_noise,
+    still_spans,
+)
 
 MOST_STEPS: Final = 30
 _SETTLING: Final = 6
@@ -102,11 +110,10 @@ class Smoother:
         self.motion = motion = fix_motion(drive.fixes)
         self.moved_lag = self._first_lag() if moved_lag is None else moved_lag
         self.first_lag = self.moved_lag
-        self.still = still_blocks(self.blocks, motion[0] + self.moved_lag, motion[1])
+        self.still, limits = find_stops(self.blocks, motion[0] + self.moved_lag, motion[1])
+        self.quiet = quiet_in_silence(self.blocks, motion[0] + self.moved_lag, motion[1], limits) & ~self.still
         self.still_noise = still_noise(self.blocks, self.still)
         knots = samples.knot_times
-        self.still_knots = still_spans(self.blocks, self.still, knots - 0.1, knots + 0.1)
-        self.still_intervals = still_spans(self.blocks, self.still, knots[:-1], knots[1:])
         self.length = np.diff(knots)
         self.disturbed = Disturbances.of(samples, drive.impacts)
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
@@ -116,6 +123,7 @@ class Smoother:
         self._increments = increments
         self.datum = Datum.of(drive.fixes, model.mounting)
         self.free = free_of(model) if arrival is None else arrival.free
+        self._stand()
         self._place()
 
     def _first_lag(self) -> float:
@@ -124,6 +132,18 @@ class Smoother:
             return self.arrival.moved_lag
         late = find_lag(self.blocks, *self.motion) if self.model.lag > 0.0 else UNKNOWN
         return -late.seconds if abs(late.seconds) > max(_STALE_LAG, 3.0 * late.sigma) else 0.0
+
+    def believe(self, standing: Mask) -> None:
+        """From now on the vehicle stands in these of the `quiet` blocks: (B,)."""
+        self.still, self.quiet = self.still | standing, self.quiet & ~standing
+        self._stand()
+        self._place()
+
+    def _stand(self) -> None:
+        """The knots and intervals that lie in standstills."""
+        knots = self.drive.samples.knot_times
+        self.still_knots = still_spans(self.blocks, self.still, knots - 0.1, knots + 0.1)
+        self.still_intervals = still_spans(self.blocks, self.still, knots[:-1], knots[1:])
 
     def _place(self) -> None:
         """Place the epochs, at fixes stamped as now believed."""

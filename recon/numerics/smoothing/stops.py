@@ -8,7 +8,8 @@ slow.
 The limits come from the drive itself: twice what is usual in windows with slow fixes, and never more than what a body
 on wheels exceeds as soon as it rolls. In an outage of GNSS the IMU decides alone, but only where it has proved that it
 can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of those
-that creep steadily in a queue, as in a soft car they are. Without any speed
+that creep steadily in a queue, as in a soft car they are. Where it has not, a quiet stretch of an outage waits for a
+trajectory that tells how fast it is there. Without any speed
 standing and moving must be told apart by more: few windows may be nearly quiet, and motion must vibrate.
 
 References
@@ -165,6 +166,19 @@ def find_stops(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> tuple[Mask
     allowed = np.where(np.isnan(windows.speed), limits.alone, windows.speed <= limits.speed)
     still = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
     return _without_creep(still, windows.speed, limits), limits
+
+
+def quiet_in_silence(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats, limits: Limits | None) -> Mask:
+    """Blocks far from any fix, and between these and slow ones, that look as quiet as a standing vehicle: (B,).
+
+    limits : those that `find_stops` found of the same
+    """
+    if limits is None:
+        return np.zeros(len(blocks.t_s), dtype=bool)
+    windows = _windows(blocks, fix_t_s, fix_speed)
+    allowed = ~(windows.speed > limits.speed)
+    quiet = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
+    return _without_creep(quiet, windows.speed, limits)
 
 
 def _without_creep(still: Mask, speed: Floats, limits: Limits) -> Mask:

@@ -14,6 +14,7 @@ from recon.numerics.smoothing.stops import (
     Mask,
     block_means,
     find_stops,
+    quiet_in_silence,
     still_blocks,
     still_noise,
     still_spans,
@@ -275,3 +276,17 @@ def test_a_short_stop_tells_no_noise(count: int) -> None:
     assert still_noise(blocks, still) == (None, None)
     few = Blocks(BLOCK, *(y[..., :count] for y in (blocks.t_s, blocks.gyro, blocks.accel)), *(still[:count],) * 2)
     assert still_noise(few, still[:count]) == (None, None)
+
+
+def test_what_is_quiet_far_from_fixes_waits_for_a_trajectory_that_tells_its_speed() -> None:
+    soft = (np.radians(0.15), 0.05)
+    case = drive((30.0, 0.0), (60.0, 12.0), (20.0, 0.0), QUEUE, (60.0, 14.0), road=soft).without_fixes(85.0, 145.0)
+    blocks = block_means(case.samples, BLOCK)
+    given = blocks, case.fix_t_s, case.fix_speed
+    still, limits = find_stops(*given)
+    quiet = quiet_in_silence(*given, limits)
+    assert quiet[still].all()
+    assert quiet[930:1070].all()  # it stands from 90 to 110 s
+    assert quiet[1120:1280].any()  # and creeps from 110 to 130 s
+    assert not quiet[1400:].any()  # and drives on, first without fixes
+    assert not quiet_in_silence(*given, None).any()
