@@ -21,6 +21,7 @@ import pyarrow as pa
 
 from recon import evaluation
 from recon import manifest as manifests
+from recon.calling import call_exporter
 from recon.check import check, with_exports
 from recon.errors import ConfigError, DataError, NothingToExport
 from recon.numerics.evaluation import Alignment
@@ -31,7 +32,7 @@ from recon.problems import Problem, one_of
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import spans
-from recon.runner import Progress, Source, call_exporter, refuse_source, run_pipeline, silent
+from recon.runner import Progress, Source, refuse_source, run_pipeline, silent
 from recon.stages import Exporter
 from recon.storage import STORES, read_recording, refuse_existing, staged_folder, write_recording
 from recon.trajectory import Trajectory, summarize

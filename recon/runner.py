@@ -16,16 +16,13 @@ from typing import Any, TypeAlias
 
 import pyarrow as pa
 
-from recon.arithmetic import one_thread
+from recon.calling import call, checked, guarded
 from recon.check import settled
 from recon.errors import (
     ConfigError,
     ContractError,
     DataError,
-    NothingToExport,
     ReadFailed,
-    ReconError,
-    StageError,
 )
 from recon.joining import combine
 from recon.plan import Plan, PlannedStep
@@ -33,7 +30,7 @@ from recon.problems import Problem
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import metrics, warnings_of
-from recon.schema import APPENDED, METRICS, Schema, by_step, match, unnumbered
+from recon.schema import APPENDED, by_step
 from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 from recon.storage.json_text import readable
 from recon.tables import Streams, append, build, conform, schema_of
@@ -91,7 +88,7 @@ def run_pipeline(plan: Plan, source: Source, registry: Registry, progress: Progr
     for step in plan.steps:
         progress(len(reports), total, step.id)
         started = time.perf_counter()
-        returned = _checked(step, _call(step, recording))
+        returned = call(step, recording)
         recording = _kept(recording, step, returned)
         reports.append(_report(step, returned, started))
     progress(total, total, "")
@@ -123,7 +120,7 @@ def _from_source(
 ) -> tuple[Recording, Streams]:
     if isinstance(step.stage, Simulator):
         nothing = Recording({})
-        parts = [_kept(nothing, step, _checked(step, _call(step, nothing)))]
+        parts = [_kept(nothing, step, call(step, nothing))]
     else:
         parts = [read_one(step, path, registry, wanted) for path in source]
     recording, learnt = combine(parts, read)
@@ -150,108 +147,11 @@ def read_one(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted =
         extra |= {"registry": registry} if step.stage.delegates else {}
         extra |= {"wanted": wanted} if step.stage.selective else {}
     try:
-        returned = _guarded(step, lambda: step.stage.run(path=path, params=step.params, **extra))
+        returned = guarded(step, lambda: step.stage.run(path=path, params=step.params, **extra))
     except OSError as error:
         raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
-    recording = _kept(Recording({}), step, _checked(step, returned))
+    recording = _kept(Recording({}), step, checked(step, returned))
     return Recording(recording.streams, {"sources": [readable(path.name)]})
-
-
-def _call(step: PlannedStep, recording: Recording) -> Streams:
-    tables = _tables(step, recording)
-    try:
-        returned: Streams = _guarded(step, lambda: step.stage.run(**tables, params=step.params))
-    except OSError as error:
-        raise StageError(step.id, f"{type(error).__name__}: {error}") from error
-    return returned
-
-
-def _tables(step: PlannedStep, recording: Recording) -> dict[str, pa.Table | None]:
-    """What a step reads, by port.
-
-    Raises DataError where an earlier step left out what it might have given; for an exporter that is NothingToExport.
-    """
-    error = NothingToExport if isinstance(step.stage, Exporter) else DataError
-    tables: dict[str, pa.Table | None] = {}
-    for port, need in step.stage.reads.items():
-        stream = step.step.inputs.get(port, port)
-        tables[port] = table = recording.get(stream)
-        if table is None and not need.optional:
-            raise error(f"step {step.id}: {step.stage.key} reads '{stream}', which no step above gave")
-        faults = match(need, schema_of(table), stream) if table is not None else []
-        if faults:
-            missing = all(fault.missing for fault in faults)
-            raise (error if missing else DataError)(f"step {step.id}: {step.stage.key} reads {faults[0].text}")
-    return tables
-
-
-def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: object) -> list[Path]:
-    """Let an exporter write into a folder.
-
-    Raises NothingToExport where the recording lacks what it reads, ContractError where it names a file outside of it.
-    """
-    tables: dict[str, Any] = dict(_tables(step, recording))
-    if isinstance(step.stage, Exporter) and step.stage.every_stream:
-        tables["streams"] = dict(recording)
-    returned = _guarded(step, lambda: step.stage.run(**tables, folder=folder, about=about, params=step.params))
-    if not isinstance(returned, Sequence) or not all(isinstance(path, Path) for path in returned):
-        raise ContractError(step.id, "it did not return a list of paths")
-    files = list(returned)
-    outside = [path for path in files if not path.resolve().is_relative_to(folder.resolve())]
-    if outside:
-        raise ContractError(step.id, f"it wrote {outside[0]}, which is outside of its folder")
-    absent = [path for path in files if not path.is_file()]
-    if absent:
-        raise ContractError(step.id, f"it did not write {absent[0].name}, which it names")
-    return files
-
-
-def _guarded(step: PlannedStep, work: Callable[[], Any]) -> Any:
-    """Whatever a stage raises becomes an error of ours that names the step; OSError passes. On one thread of BLAS."""
-    try:
-        with one_thread():
-            return work()
-    except ReadFailed:
-        raise
-    except ReconError as error:
-        error.message = f"step {step.id}: {error.message}"
-        raise
-    except OSError:
-        raise
-    except MemoryError as error:
-        raise StageError(step.id, "there is not enough memory") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # a stage is somebody else's code, and may even exit
-        hint = f"this is a fault of {step.source or step.stage.key}; '-v' shows where"
-        raise StageError(step.id, f"{type(error).__name__}: {error}", hint) from error
-
-
-def _checked(step: PlannedStep, returned: Any) -> Streams:
-    """What a step returned, by stream, stamped; raises ContractError where it is not what was planned."""
-    if not isinstance(returned, Mapping) or not all(isinstance(t, pa.Table) for t in returned.values()):
-        raise ContractError(step.id, "it did not return a mapping of stream names to Arrow tables")
-    streams = {step.stream_of(port): table for port, table in returned.items()}
-    if isinstance(step.stage, Reader) and step.stage.self_describing:
-        return {name: conform(table, schema_of(table), stream=name, step=step.id) for name, table in streams.items()}
-    planned = step.outputs
-    for name in streams:
-        if _planned_for(name, step) is None:
-            raise ContractError(step.id, f"it returned the stream '{name}', which it does not declare")
-    for name, schema in planned.items():
-        if name not in streams and name not in APPENDED and not schema.uncertain:
-            raise ContractError(step.id, f"it did not return the stream '{name}', which it declares")
-    return {
-        name: conform(table, _planned_for(name, step) or METRICS, stream=name, step=step.id)
-        for name, table in streams.items()
-    }
-
-
-def _planned_for(name: str, step: PlannedStep) -> Schema | None:
-    """The schema planned for a stream; a reader's `imu_2` is planned with its `imu`."""
-    if name not in step.outputs and isinstance(step.stage, Reader):
-        name = unnumbered(name)
-    return step.outputs.get(name)
 
 
 def _kept(recording: Recording, step: PlannedStep, returned: Streams) -> Recording:

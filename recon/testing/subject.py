@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import pyarrow as pa
 
+from recon.calling import call_exporter
 from recon.check import Bound, flow
 from recon.manifest import RunInfo, make
 from recon.parameters import Params
@@ -18,7 +19,7 @@ from recon.plan import Plan
 from recon.problems import Where
 from recon.recording import Recording
 from recon.registry import Registry
-from recon.runner import Outcome, call_exporter, run_pipeline
+from recon.runner import Outcome, run_pipeline
 from recon.schema import APPENDED
 from recon.stages import Exporter, Reader, Simulator, Stage
 from recon.testing.drives import USUAL, Conditions, drive, serve

@@ -12,11 +12,12 @@ from helpers import clock
 from plugin_files import install
 
 from recon import hookspecs
+from recon.calling import call_exporter
 from recon.check import check
 from recon.pipeline import Pipeline
 from recon.recording import Recording
 from recon.registry import Registry
-from recon.runner import call_exporter, run_pipeline
+from recon.runner import run_pipeline
 from recon.schema import GNSS, IMU, TRAJECTORY
 from recon.stages import ROLES
 from recon.tables import build, matrix, vector

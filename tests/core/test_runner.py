@@ -10,6 +10,7 @@ import pyarrow as pa
 import pytest
 from helpers import clock, filter_of, gnss_table, imu_table, pipeline_of, run_steps, source_of
 
+from recon.calling import call_exporter
 from recon.check import check
 from recon.errors import ConfigError, ContractError, DataError, NotEnoughData, ReadFailed, StageError
 from recon.parameters import Params, bind, quantity
@@ -17,7 +18,7 @@ from recon.problems import Where
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import Event, Metric, events, metrics, warning
-from recon.runner import call_exporter, run_pipeline
+from recon.runner import run_pipeline
 from recon.schema import ANY, EVENTS, GNSS, IMU, METRICS, SAME, Change, Column, Need, by_step
 from recon.stages import Delegation, Exporter, Reader
 from recon.tables import append, build, matrix, meta, replace, schema_of, vector, with_meta
