@@ -52,13 +52,8 @@ def compare(
     Example: recon compare drive-thesis drive-best_accuracy --out both --export plots
     """
     from recon import api, comparison
-    from recon.errors import ConfigError
-    from recon.problems import Problem, Where
 
-    if exports and out is None:
-        raise ConfigError([Problem(Where("--export"), "no-folder", "an export needs a folder", "add --out DIR")])
-    if len(runs) < 2:
-        raise ConfigError([Problem(None, "one-run", "a comparison needs two runs", "name another one")])
+    _refuse(runs, exports, out)
     registry = registry_of(blocked, first_party_only)
     finished = [api.open(run) for run in runs]
     found = comparison.compare(finished, _reference(reference, registry))
@@ -69,6 +64,17 @@ def compare(
             console.write_json({**found.as_data(), "overlay": str(out) if overlay else None})
         else:
             console.write(as_text(found, overlay, everything=everything))
+
+
+def _refuse(runs: Sequence[Path], exports: Sequence[str] | None, out: Path | None) -> None:
+    """Raises ConfigError where there is nothing to compare, or nowhere to export to."""
+    from recon.errors import ConfigError
+    from recon.problems import Problem, Where
+
+    if exports and out is None:
+        raise ConfigError([Problem(Where("--export"), "no-folder", "an export needs a folder", "add --out DIR")])
+    if len(runs) < 2:
+        raise ConfigError([Problem(None, "one-run", "a comparison needs two runs", "name another one")])
 
 
 def _overlay(runs: Sequence[Run], out: Path, exports: Sequence[str], *, overwrite: bool, registry: Registry) -> Run:

@@ -45,9 +45,7 @@ def convert(
     from recon.pipeline import Pipeline
 
     check_store(store)
-    overrides = overrides_of(settings)
-    registry = registry_of(blocked, first_party_only)
-    reading = Pipeline.of("convert", "reader.auto")
+    overrides, registry = overrides_of(settings), registry_of(blocked, first_party_only)
     as_file = target.suffix.lower() == ".mcap"
     if as_file:
         _refuse(target, store, overwrite=overwrite)
@@ -56,15 +54,9 @@ def convert(
     with accounted({"the recording": target}):
         with progress() as shown:
             made = execute(
-                reading,
-                sources,
-                None if as_file else target,
-                overrides,
-                registry=registry,
-                store=store,
-                overwrite=overwrite,
-                progress=shown,
-            )
+                Pipeline.of("convert", "reader.auto"), sources, None if as_file else target, overrides,
+                registry=registry, store=store, overwrite=overwrite, progress=shown,
+            )  # fmt: skip
             if as_file:
                 _write_file(made, target)
         rows = ", ".join(f"{name} ({table.num_rows:,} rows)" for name, table in made.recording.items())

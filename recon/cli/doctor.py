@@ -55,24 +55,20 @@ def doctor(
     from recon.findings import findings_in
     from recon.pipeline import Pipeline
 
-    overrides = overrides_of(settings)
     _refuse_existing(write, overwrite)
+    overrides, registry = overrides_of(settings), registry_of(blocked, first_party_only)
     pipeline = Pipeline.of("doctor", "reader.auto", STAGE)
     exports = ["report"] if out is not None else []
-    registry = registry_of(blocked, first_party_only)
     run = api.execute(pipeline, paths, out, overrides, registry=registry, exports=exports, overwrite=overwrite)
     found = findings_in(run.metrics)
     trials = _written(write, found, paths, overrides, registry) if write is not None else None
     if as_json:
         console.write_json(_as_data(paths, found, trials))
         return
-    console.write(_as_text(", ".join(map(str, paths)), found, run.warnings))
-    report = out / "exports" / "report" / "report.html" if out else None
-    for name, place in (("report", report), ("pipeline", write)):
-        if place is not None:
-            console.write(f"{name}: {place}")
-    if trials is not None:
-        console.write(_verdict(*trials))
+    told = [_as_text(", ".join(map(str, paths)), found, run.warnings)]
+    told += [f"report: {out / 'exports' / 'report' / 'report.html'}"] if out is not None else []
+    told += [f"pipeline: {write}"] if write is not None else []
+    console.write("\n".join([*told, *([_verdict(*trials)] if trials is not None else [])]))
 
 
 def _refuse_existing(write: Path | None, overwrite: bool) -> None:

@@ -56,12 +56,10 @@ def evaluate(
     from recon import api, evaluation
     from recon.pipeline import Pipeline
 
-    overrides = overrides_of(settings)
-    registry = registry_of(blocked, first_party_only)
+    overrides, registry = overrides_of(settings), registry_of(blocked, first_party_only)
     finished, given = api.open(run), None
     if reference is not None:
-        reading = Pipeline.of("evaluate", "reader.auto")
-        given = api.execute(reading, reference, None, overrides, registry=registry)
+        given = api.execute(Pipeline.of("evaluate", "reader.auto"), reference, None, overrides, registry=registry)
     found = api.evaluate(finished, given, align=align.value)
     stream = "reference" if given is None else evaluation.reference_in(given.recording)[0]
     source = f"stream '{stream}' of {run if reference is None else reference}"

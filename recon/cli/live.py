@@ -74,14 +74,19 @@ def live(
         session.close()
         if shown is not None:
             shown.close()
+    _tell_end(session, stopped=stopped is not None)
+    if stopped:
+        raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
+
+
+def _tell_end(session: Session, *, stopped: bool) -> None:
+    """What the user should know of a session that is over."""
     for note in session.warnings:
         console.write_error(f"warning: {note}")
     if session.awaits and not session.resumed:
         console.write_error(f"no trajectory: it was waiting for {session.awaits}")
     found = f"result in {session.result.path}" if session.result.begun else "nothing came"
     console.write_error(f"{'stopped, ' if stopped else ''}{found}")
-    if stopped:
-        raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
 
 
 def _follow(session: Session, teller: _Teller, pause: float, until_end: bool) -> None:

@@ -50,24 +50,17 @@ def outages(
 
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    found = study(
-        paths,
-        chosen := Pipeline.from_file(pipeline),
-        _lengths(lengths),
-        most=most,
-        seed=seed,
-        overrides=overrides_of(settings),
-        registry=registry_of(blocked, first_party_only),
-    )
+    chosen, overrides = Pipeline.from_file(pipeline), overrides_of(settings)
+    registry = registry_of(blocked, first_party_only)
+    found = study(paths, chosen, _lengths(lengths), most=most, seed=seed, overrides=overrides, registry=registry)
     data = {"paths": [str(path) for path in paths], "pipeline": chosen.name, "seed": seed, **found.as_data()}
     if out is not None:
         _keep(out, data, found, overwrite=overwrite)
     if as_json:
         console.write_json(data)
         return
-    console.write(_as_text(data))
-    if out is not None:
-        console.write(f"kept in {out}: outages.md, outages.json, outages.png")
+    kept = [f"kept in {out}: outages.md, outages.json, outages.png"] if out is not None else []
+    console.write("\n".join([_as_text(data), *kept]))
 
 
 def _as_text(data: Mapping[str, Any]) -> str:

@@ -59,30 +59,26 @@ def run(
 
     memory.keep_freed()
     check_store(store)
-    overrides = overrides_of(settings)
-    registry = registry_of(blocked, first_party_only)
+    overrides, registry = overrides_of(settings), registry_of(blocked, first_party_only)
     found = Pipeline.from_file(pipeline)
     _check_inputs(found, inputs or ())
     folder = out or default_folder(found.name, inputs or ())
     names = list(dict.fromkeys(exports or ()))
-    made = {f"export {name}": folder / "exports" / name.removeprefix("exporter.") for name in names}
-    with accounted({"the run": folder, **made}):
+    with accounted({"the run": folder, **_places(folder, names)}):
         with progress() as shown:
             finished = execute(
-                found,
-                inputs or None,
-                folder,
-                overrides,
-                registry=registry,
-                exports=names,
-                store=store,
-                overwrite=overwrite,
-                progress=shown,
-            )
+                found, inputs or None, folder, overrides, registry=registry, exports=names, store=store,
+                overwrite=overwrite, progress=shown,
+            )  # fmt: skip
         if as_json:
             console.write_json(as_data(finished))
         else:
             console.write(as_text(finished))
+
+
+def _places(folder: Path, exports: Sequence[str]) -> dict[str, Path]:
+    """Where each export appears, by what messages call it."""
+    return {f"export {name}": folder / "exports" / name.removeprefix("exporter.") for name in exports}
 
 
 def _check_inputs(pipeline: Pipeline, inputs: Sequence[Path]) -> None:
