@@ -7,19 +7,16 @@ from __future__ import annotations
 
 from collections.abc import MutableMapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from recon.errors import ReadFailed
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.schema import REFERENCE
 from recon.tables import Array, build, with_meta
 from recon_readers._columns import at_rows
-from recon_readers._limits import LIMITS
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
 NS: Final = 1_000_000_000
@@ -59,21 +56,6 @@ def interleave(parts: MutableMapping[str, tuple[Times, Array]]) -> tuple[Times, 
         times, values = parts.pop(name)
         spread[name] = at_rows(values, rows[id(times)], len(t_ns))
     return t_ns, spread
-
-
-def refuse_impossible(path: Path, **groups: Array) -> None:
-    """Raises ReadFailed at a value that no vehicle shows. `groups` : in the units of the streams, NaN where none is."""
-    for name, values in groups.items():
-        refuse_beyond(path, name, values, *LIMITS[name])
-
-
-def refuse_beyond(path: Path, name: str, values: Array, low: float, high: float) -> None:
-    """Raises ReadFailed at the first row with a value below `low` or above `high`; NaN passes."""
-    wrong = (values < low) | (values > high)
-    if wrong.any():
-        row = int(np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0])
-        what = f"{name} is {values[wrong][0]:g} in row {row}, which no vehicle shows"
-        raise ReadFailed(path, what, hint="the file is damaged or in other units: copy it again")
 
 
 def unit_quaternions(q: ArrayLike) -> Array:

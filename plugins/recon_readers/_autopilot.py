@@ -19,8 +19,10 @@ from recon.stages import Wanted
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave, unit_quaternions
 from recon_readers._columns import kept
-from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned, valued
-from recon_readers._time_order import Times
+from recon_readers._limits import MOST_FAULTY, possible
+from recon_readers._sensing import doubts, turned
+from recon_readers._streams import described, valued
+from recon_readers._time_order import EARLIEST_NS, Times, rising
 
 GAUSS: Final = 1e-4
 """T."""
@@ -80,16 +82,15 @@ class Log:
         rows, told = rising(t_ns, source)
         self.learnt += told
         for name, values in chosen.items():
-            chosen[name] = values[rows]
-        chosen, told = plausible(self.path, stream, chosen)
-        self.learnt += told
+            chosen[name], told = possible(self.path, stream, name, values[rows], most=MOST_FAULTY)
+            self.learnt += told
         number = sum(name.rstrip("_0123456789") == stream for name in self.made) + 1
         key = stream if number == 1 else f"{stream}_{number}"
         t_ns = t_ns[rows] + (self.offset_ns or 0)
         clock = "absolute" if self.offset_ns is not None and len(t_ns) and t_ns[0] >= EARLIEST_NS else "relative"
         own = {name: value for name, value in facts.items() if value is not None}
         scale = "UTC" if clock == "absolute" else "boot"
-        table = described(stream, t_ns, chosen)
+        table = described(STREAMS[stream], t_ns, chosen)
         self.made[key] = with_meta(table, **self.facts, **own, clock=clock, time_scale=scale, source=source)
         self.learnt.append(Metric("source", float(table.num_rows), method=key, note=source))
 

@@ -15,7 +15,8 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.rows import Metric, warning
 from recon.tables import Array
-from recon_readers._arrays import LONGEST_S, in_time, refuse_beyond
+from recon_readers._arrays import LONGEST_S, in_time
+from recon_readers._limits import refuse_beyond
 from recon_readers._time_order import Times
 
 LOG: Final = "processed_log"

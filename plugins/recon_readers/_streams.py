@@ -1,30 +1,28 @@
 """Columns of a log to a stream: what cannot be is left out and counted, and times rise.
 
-For readers of logs in which single rows may be damaged.
+`stream` is for logs in which single rows may be damaged; `described` for messages, which are whole or not there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import ReadFailed
 from recon.rows import Metric, warning
 from recon.schema import Schema, group_of, spread
 from recon.tables import Array, build
 from recon_readers._columns import kept
-from recon_readers._limits import LIMITS
+from recon_readers._limits import SIGMAS, possible
 from recon_readers._time_order import Mask, Times, in_order, repeating
 
 WHOLE: Final = ("fix", "satellites")
-SIGMAS: Final = ("pos_std", "vel_std", "att_std")
-_LIMITS: Final = {**LIMITS, "pos": (-1e7, 1e7), "acc": (-1e6, 1e6)}
-_SIGMA_LIMITS: Final = (0.0, 1e6)
+_MOST_IMPOSSIBLE: Final = 0.5
+"""Share of a column's values: rows of text, without checksums, are damaged one by one."""
 _LATEST_NS: Final = 4_200_000_000 * 1_000_000_000
 """The year 2103; and as far before 1970."""
 
@@ -55,57 +53,53 @@ def stream(
     found: dict[str, Array] = {}
     for group in list(groups):
         for name, values in _columns(schema, group, groups.pop(group)).items():
-            found[name] = _possible(source, name, values, learnt)
+            values = np.asarray(values, dtype=np.float64)
+            most, line = _MOST_IMPOSSIBLE, source.line
+            found[name], told = possible(source.path, source.name, name, values, most=most, line=line)
+            learnt += told
     _without_zero_place(found)
-    valued = np.zeros(len(t_ns), dtype=bool)
+    has_value = np.zeros(len(t_ns), dtype=bool)
     for name, values in found.items():
         if name not in WHOLE and group_of(name) not in SIGMAS:
-            valued |= np.isfinite(values)
+            has_value |= np.isfinite(values)
     untimed = missing | (np.abs(t_ns) > _LATEST_NS)
     timed = in_order(np.where(untimed, 0, t_ns) if untimed.any() else t_ns, untimed)
-    rows = timed & ~repeating(t_ns, [timed]) & valued
-    _count(source, "time is missing, repeats or is out of order", int((valued & ~rows).sum()), learnt)
-    if not valued.all():
+    rows = timed & ~repeating(t_ns, [timed]) & has_value
+    _count(source, "time is missing, repeats or is out of order", int((has_value & ~rows).sum()), learnt)
+    if not has_value.all():
         learnt.append(
-            Metric("rows_without_value", float((~valued).sum()), note=f"of {len(valued)} rows of {source.name}")
+            Metric("rows_without_value", float((~has_value).sum()), note=f"of {len(has_value)} rows of {source.name}")
         )
     if not rows.any():
         return None, learnt
     for name in list(found):
         found[name] = kept(found[name], rows)
-    there = dict.fromkeys(group_of(name) for name, values in found.items() if np.isfinite(values).any())
-    columns = {
-        name: _integers(values) if name in WHOLE else values
-        for name, values in found.items()
-        if group_of(name) in there
+    return described(schema, kept(t_ns, rows), valued(found)), learnt
+
+
+def described(schema: Schema, t_ns: Times, columns: Mapping[str, Array]) -> pa.Table:
+    """A stream of single columns, numbers of any type of the schema. t_ns : (n,) ns that rises; NaN where unknown."""
+    if "course" in columns:
+        columns = {**columns, "course": np.mod(columns["course"], 2.0 * np.pi)}
+    there = Schema(tuple(column for column in schema.columns if column.name in ("time", *columns)))
+    typed: dict[str, Any] = {
+        name: values
+        if there[name].type == pa.float64()
+        else pa.array(values, from_pandas=True).cast(there[name].type, safe=False)
+        for name, values in columns.items()
     }
-    return build(schema.only(*there), time=kept(t_ns, rows), **columns), learnt
+    return build(there, time=t_ns, **typed)
+
+
+def valued(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """The columns of groups that have a value anywhere."""
+    groups = {group_of(name) for name, values in columns.items() if np.isfinite(values).any()}
+    return {name: values for name, values in columns.items() if group_of(name) in groups}
 
 
 def _columns(schema: Schema, group: str, values: Array) -> dict[str, Array]:
     """A group as columns."""
     return {group: values} if values.ndim == 1 else dict(zip(spread(group, schema.names), values.T, strict=True))
-
-
-def _possible(source: Source, name: str, values: Array, learnt: list[Metric]) -> Array:
-    """The values without those that no vehicle shows."""
-    values = np.asarray(values, dtype=np.float64)
-    group = group_of(name)
-    if group in SIGMAS:
-        with np.errstate(invalid="ignore"):
-            return np.where((values > _SIGMA_LIMITS[0]) & (values < _SIGMA_LIMITS[1]), values, np.nan)
-    low, high = _LIMITS.get(group, (-1e12, 1e12))
-    outside = (values < low) | (values > high)
-    if outside.any():
-        first = int(outside.argmax())
-        what = f"{name} of {values[first]:.6g} lies outside {low:g} to {high:g}"
-        line = source.line(first) if source.line is not None else None
-        if outside.sum() > 0.5 * np.isfinite(values).sum():
-            raise ReadFailed(source.path, what, line=line, hint="the file is damaged, or of another unit or format")
-        _count(source, what + (f", first in line {line}" if line else ""), int(outside.sum()), learnt)
-    lost = outside | np.isinf(values)
-    possible = np.where(lost, np.nan, values) if lost.any() else values
-    return np.mod(possible, 2.0 * np.pi) if name == "course" else possible
 
 
 def _without_zero_place(found: dict[str, Array]) -> None:
@@ -120,7 +114,3 @@ def _count(source: Source, what: str, count: int, learnt: list[Metric]) -> None:
     if count:
         learnt.append(Metric("values_left_out", float(count), method=source.name, note=what))
         learnt.append(warning(f"left out of {source.path.name}, {source.name}: {what} ({count} times)"))
-
-
-def _integers(values: Array) -> pa.Array:
-    return pa.array(values, from_pandas=True).cast(pa.int32(), safe=False)

@@ -18,10 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.signals import runs
+from recon.rows import Metric
 
 Mask: TypeAlias = NDArray[np.bool_]
 Times: TypeAlias = NDArray[np.int64]
 
+EARLIEST_NS: Final = 946_684_800 * 1_000_000_000
+"""2000-01-01: a clock that shows less was never set."""
 PAUSE_NS: Final = 3_600 * 1_000_000_000
 """A step in time of more than an hour is a pause, except in logs that hold a row now and then: there it is one of"""
 PAUSE_STEPS: Final = 100
@@ -45,6 +48,30 @@ def in_order(t_ns: Times, missing: Mask) -> Mask:
     if len(timed) - 2 in after:
         usable[len(usable) - 1 - np.argmax(usable[::-1])] = False
     return usable
+
+
+def rising(t_ns: Times, name: str) -> tuple[NDArray[np.intp] | slice, list[Metric]]:
+    """Rows in the order of time, each time once, and what became of the others.
+
+    Messages come as they were received: they are sorted by time. One that repeats a time is left out, as is a first or
+    last one whose time is far from all others.
+
+    t_ns : (n,) ns; name : of the sensor in its file
+    """
+    if (t_ns[1:] > t_ns[:-1]).all() and in_order(t_ns, np.zeros(len(t_ns), dtype=bool)).all():
+        return slice(None), []
+    order = np.argsort(t_ns, kind="stable")
+    ordered = t_ns[order]
+    usable = in_order(ordered, np.zeros(len(ordered), dtype=bool))
+    repeated = np.diff(ordered, prepend=ordered[:1] - 1) <= 0
+    learnt = []
+    falls = np.count_nonzero(t_ns[1:] < t_ns[:-1])
+    if falls:
+        learnt.append(Metric("rows_sorted", float(falls), note=f"{name}: times that fell"))
+    for what, count in (("of the time of an earlier one", repeated.sum()), ("far from all others", (~usable).sum())):
+        if count:
+            learnt.append(Metric("rows_left_out", float(count), note=f"{name}: {what}, of {len(t_ns)}"))
+    return order[usable & ~repeated], learnt
 
 
 def median_ns(times_ns: Times) -> int:

@@ -25,9 +25,11 @@ from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave
 from recon_readers._collector import Collector, Language
 from recon_readers._csv_mapping import Axes
+from recon_readers._limits import MOST_FAULTY, possible
 from recon_readers._message_kinds import KINDS, Kind
-from recon_readers._sensing import EARLIEST_NS, described, doubts, plausible, rising, turned, valued
-from recon_readers._time_order import Times
+from recon_readers._sensing import doubts, turned
+from recon_readers._streams import described, valued
+from recon_readers._time_order import EARLIEST_NS, Times, rising
 
 READ: Final = ("imu", "gnss", "mag", "baro", "wheel", "reference")
 """Streams that topics can become."""
@@ -199,8 +201,9 @@ class Intake:
         columns = part.kind.finish({key: values[rows] for key, values in columns.items()})
         if part.kind.facts.get("axes"):
             columns = turned(columns, self.params.axes, down=self.params.at_rest == "down")
-        columns, told = plausible(self.path, part.kind.stream, columns)
-        self.learnt += told
+        for column, values in columns.items():
+            columns[column], told = possible(self.path, part.kind.stream, column, values, most=MOST_FAULTY)
+            self.learnt += told
         return t_ns[rows], valued(columns)
 
     def _facts(self, topic: Topic, part: Part, columns: dict[str, Array]) -> dict[str, Any]:
@@ -285,7 +288,7 @@ def _table(stream: str, group: Sequence[tuple[str, Times, dict[str, Array], dict
         columns = {key.partition("/")[2]: values for key, values in spread.items()}
         facts = {key: value for *_, own in group for key, value in own.items()}
     clock, scale = ("absolute", "UTC") if len(t_ns) and t_ns[0] >= EARLIEST_NS else ("relative", "boot")
-    table = described(stream, t_ns, columns)
+    table = described(STREAMS[stream], t_ns, columns)
     return with_meta(table, **facts, topic=", ".join(one[0] for one in group), clock=clock, time_scale=scale)
 
 

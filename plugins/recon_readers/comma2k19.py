@@ -38,16 +38,7 @@ from recon.rows import Metric, metrics
 from recon.schema import FRAMES, GNSS, IMU, MAG, REFERENCE, WHEEL
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, build, with_meta
-from recon_readers._arrays import (
-    FRONT_RIGHT_DOWN,
-    NS,
-    first_place,
-    interleave,
-    reference,
-    refuse_beyond,
-    refuse_impossible,
-    unit_quaternions,
-)
+from recon_readers._arrays import FRONT_RIGHT_DOWN, NS, first_place, interleave, reference, unit_quaternions
 from recon_readers._comma2k19_segment import (
     KINDS,
     LOG,
@@ -62,6 +53,7 @@ from recon_readers._comma2k19_segment import (
     sensor,
     with_clock,
 )
+from recon_readers._limits import refuse_beyond, refuse_impossible
 from recon_readers._time_order import Times
 
 STEERING_DEG: Final = 2000.0

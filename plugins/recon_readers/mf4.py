@@ -42,9 +42,11 @@ from recon.units import convert
 from recon.utc import zone_ns
 from recon_readers._arrays import interleave
 from recon_readers._csv_mapping import Accel, Vector, gnss_facts, schemas
+from recon_readers._limits import MOST_FAULTY, possible
 from recon_readers._mf4_channels import Channels, Stream
-from recon_readers._sensing import described, doubts, plausible, rising
-from recon_readers._time_order import Times
+from recon_readers._sensing import doubts
+from recon_readers._streams import described
+from recon_readers._time_order import Times, rising
 
 if TYPE_CHECKING:  # it starts processes, and what that needs takes its time
     from recon_readers._mf4_file import Measurement
@@ -92,10 +94,11 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
                 n: part for group in groups[mapping.stream] for n, part in _group(file, mapping, group, learnt).items()
             }
             t_ns, columns = interleave(parts)
-            columns, told = plausible(path, mapping.stream, columns)
-            table = described(mapping.stream, start_ns + t_ns, columns)
+            for name, values in columns.items():
+                columns[name], told = possible(path, mapping.stream, name, values, most=MOST_FAULTY)
+                learnt += told
+            table = described(STREAMS[mapping.stream], start_ns + t_ns, columns)
             made[mapping.stream] = with_meta(table, **facts, **_facts(mapping))
-            learnt += told
     if not any(table.num_rows for table in made.values()):
         raise NothingUsable(path, "none of the channels that are wanted holds a row", hint="correct the mapping")
     return {**made, "metrics": metrics([*learnt, *doubts(made)])}

@@ -39,14 +39,8 @@ from recon.rows import Metric, metrics
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, build, with_meta
-from recon_readers._arrays import (
-    FRONT_RIGHT_DOWN,
-    first_place,
-    in_time,
-    reference,
-    refuse_beyond,
-    refuse_impossible,
-)
+from recon_readers._arrays import FRONT_RIGHT_DOWN, first_place, in_time, reference
+from recon_readers._limits import refuse_beyond, refuse_impossible
 from recon_readers._matlab import COMPRESSED, HEADER, byte_order, structures
 from recon_readers._time_order import Times
 
