@@ -14,8 +14,7 @@ from typing import Final
 from recon.errors import ReadFailed
 from recon_readers._csv_records import DELIMITERS, NUMBER, Record, fields, is_row, raw_fields, records, width_of
 from recon_readers._csv_sheet import Sheet
-from recon_readers._delimited import HEAD_BYTES, not_text
-from recon_readers._text_blocks import Text, check_regular, unreadable
+from recon_readers._text_blocks import HEAD_BYTES, Text, check_regular, not_text, unreadable
 
 MOST_COLUMNS: Final = 4096
 _LOOK_AT: Final = 200

@@ -17,11 +17,10 @@ import pyarrow as pa
 
 from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, leap_seconds
 from recon.rows import Metric, warning
-from recon_readers._csv_mapping import Time
 from recon_readers._csv_sheet import Cells, Sheet
-from recon_readers._delimited import TIME_TYPE, whole_ns
+from recon_readers._mapping_parts import Time
 from recon_readers._time_order import Mask, Times
-from recon_readers._time_text import CLOCK, ISO_DATE, ZONE, match, moment, time_of_day
+from recon_readers._time_text import CLOCK, ISO_DATE, TIME_TYPE, ZONE, match, moment, time_of_day, whole_ns
 
 DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Decimals of each unit down to a nanosecond."""

@@ -1,6 +1,6 @@
 """Text files of numbers in columns that tabs or spaces part, read columnar; every complaint names line and column.
 
-The file is taken in three steps: `load` refuses what is not text, `survey` finds separator, width, header and a last
+The file is taken in two steps: `survey` finds separator, width, header and a last
 row that was cut off, `parse` turns the rows into Arrow columns. Only where that fails are lines looked at one by one.
 
 The first column is a time in seconds. It is read as a decimal of 18 places and cut to whole nanoseconds, never through
@@ -14,7 +14,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -24,61 +23,21 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
-from recon_readers._text_blocks import Text, check_regular, unreadable
+from recon_readers._text_blocks import HEAD_BYTES, Text
+from recon_readers._time_text import TIME_TYPE
 
 TAB: Final = b"\t"
 SPACE: Final = b" "
-HEAD_BYTES: Final = 65536
 
 BLANK: Final = ("", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "null", "NULL", "NA", "N/A")
 _BLANK_BYTES: Final = frozenset(text.encode() for text in BLANK)
 _NUMBER: Final = re.compile(rb"[+-]?(?:(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?|(?i:inf(?:inity)?))")
 _TIME: Final = re.compile(rb"[+-]?(?:\d{1,18}(?:\.\d{0,18})?|\.\d{1,18})(?:[eE][+-]?\d\d?)?")
 _DECIMAL_COMMA: Final = re.compile(rb"[+-]?\d+,\d+")
-_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _MARKS: Final = ((b";", "semicolons"), (b",", "commas"), (b"|", "vertical bars"))
 _LOOK_AT: Final = 20
 _LONGEST_HEADER: Final = 100
 _SHOWN: Final = 30
-
-TIME_TYPE: Final = pa.decimal128(38, 18)
-"""Seconds as decimals; `whole_ns` makes nanoseconds of them."""
-_LARGEST_NS: Final = Decimal(9 * 10**18)
-
-
-def load(path: Path) -> Text:
-    """The whole file with line ends \\n and without a byte order mark.
-
-    Raises ReadFailed for what is no regular file, cannot be read, is empty, or is not one-byte text.
-    """
-    text = Text.open(path)
-    fault = not_text(text.head[:HEAD_BYTES])
-    if fault:
-        what, hint = fault
-        raise ReadFailed(path, what, hint=hint)
-    return text
-
-
-def contents(path: Path) -> bytes:
-    """The whole file as it is. Raises ReadFailed for what is no regular file or cannot be read."""
-    check_regular(path)
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from error
-
-
-def not_text(head: bytes) -> tuple[str, str] | None:
-    """Why the beginning of a file is not that of one-byte text, and what to do; None where it is."""
-    if not head.strip():
-        what = "it holds nothing but blanks" if head else "the file is empty"
-        return what, "check that the log was copied completely"
-    few, many = sorted((head[0::2].count(0), head[1::2].count(0)))
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff") or (len(head) > 3 and many > 0.4 * len(head) / 2 and few < many / 4):
-        return "this is UTF-16 text", "save it as ASCII or UTF-8"
-    if _CONTROL.search(head.rstrip(b"\0")) or not head.rstrip(b"\0"):
-        return "this is not a text file", "unpack it if it is an archive"
-    return None
 
 
 @dataclass(frozen=True)
@@ -186,22 +145,6 @@ def values(found: Survey) -> NDArray[np.float64]:
 
 def _number(part: bytes) -> float:
     return float(part) if _NUMBER.fullmatch(part) else math.nan
-
-
-def whole_ns(times: pa.ChunkedArray, digits: int = 9) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Decimal seconds as whole nanoseconds; what is below a nanosecond is cut off.
-
-    times : (n,) decimals, in s; in ms where digits is 6, in us for 3, in ns for 0
-    returns : (n,) ns, 0 where a time is null, clipped to 9e9 s; (n,) bool, true where a time is null
-    """
-    from pyarrow import compute
-
-    limit = pa.scalar(_LARGEST_NS.scaleb(-digits), TIME_TYPE)
-    bounded = compute.if_else(compute.greater(compute.abs(times), limit), limit, times)
-    exact = bounded.cast(pa.decimal128(20, digits), safe=False)
-    if digits:
-        exact = compute.multiply(exact, pa.scalar(Decimal(10**digits)))
-    return np.asarray(exact.cast(pa.int64()).fill_null(0)), np.asarray(times.is_null())
 
 
 def fields(line: bytes, separator: bytes, width: int) -> list[bytes]:

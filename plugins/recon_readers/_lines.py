@@ -20,8 +20,9 @@ from recon.errors import ReadFailed
 from recon.rows import Metric, warning
 from recon.tables import vector
 from recon_readers._columns import Columns
-from recon_readers._delimited import BLANK, TIME_TYPE, whole_ns
+from recon_readers._delimited import BLANK
 from recon_readers._text_blocks import Text
+from recon_readers._time_text import TIME_TYPE, whole_ns
 
 COPIED: Final = "check that the log was copied completely"
 _BLANK: Final = frozenset(text.encode() for text in BLANK)

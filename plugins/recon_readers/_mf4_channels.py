@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from recon.parameters import setting
 from recon_readers import _csv_mapping as columns
-from recon_readers._csv_mapping import Part, Time
+from recon_readers._mapping_parts import Part, Time
 
 Stream: TypeAlias = columns.Stream
 

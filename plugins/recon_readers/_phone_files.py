@@ -21,9 +21,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
-from recon_readers._delimited import HEAD_BYTES, not_text
 from recon_readers._lines import COPIED, Form, Lines, read_lines
-from recon_readers._text_blocks import Text, plain
+from recon_readers._text_blocks import HEAD_BYTES, Text, not_text, plain
 
 LARGEST: Final = 2**30
 """Bytes of a table; a member of a zip that claims more is refused."""

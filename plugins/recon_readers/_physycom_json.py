@@ -21,7 +21,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from recon.errors import ReadFailed
-from recon_readers._delimited import TIME_TYPE
+from recon_readers._time_text import TIME_TYPE
 
 KEYS: Final = {"timestamp": "time", "lat": "lat", "lon": "lon", "speed": "speed"}
 OPTIONAL_KEYS: Final = {"alt": "height", "heading": "heading", "fix": "fix"}

@@ -13,7 +13,7 @@ import numpy as np
 from recon.errors import DataError, ReadFailed
 from recon.stages import Sniff
 from recon.tables import Array
-from recon_readers import _delimited
+from recon_readers import _delimited, _text_blocks
 from recon_readers._text_blocks import Text, plain
 
 ACCEL: Final = ("ax", "ay", "az")
@@ -112,13 +112,13 @@ def sniff(path: Path, head: bytes) -> Sniff:
     """
     if not head:
         return Sniff(0.0, "no file with contents")
-    fault = _delimited.not_text(head)
+    fault = _text_blocks.not_text(head)
     if fault:
         return Sniff(0.0, ": ".join(fault))
     text = plain(head)
     if text.lstrip()[:1] in (b"[", b"{"):
         return _sniff_json(text)
-    if len(head) >= _delimited.HEAD_BYTES and b"\n" in text:
+    if len(head) >= _text_blocks.HEAD_BYTES and b"\n" in text:
         text = text[: text.rfind(b"\n") + 1]
     told = False
     try:

@@ -15,7 +15,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import Metric, warning
 from recon.tables import Array, vector
 from recon.units import duration_text
-from recon_readers import _delimited
+from recon_readers import _delimited, _text_blocks, _time_text
 from recon_readers._columns import Columns
 from recon_readers._physycom_json import read_records
 from recon_readers._physycom_layouts import (
@@ -117,7 +117,7 @@ def open_log(
     units : by column, its unit in that of LIMITS where it has another one
     Raises ReadFailed, and DataError where `sensor` must tell.
     """
-    text = _delimited.load(path)
+    text = _text_blocks.load(path)
     log = _of_json(path, text) if text.head.lstrip()[:1] in (b"[", b"{") else _of_text(path, text, sensor)
     log, learnt = _within_limits(log, units)
     usable = in_order(log.time_ns, log.untimed)
@@ -141,14 +141,14 @@ def _of_text(path: Path, text: Text, sensor: Literal["accelerometer", "gyroscope
 def _blocks(found: _delimited.Survey, layout: Layout) -> Iterator[tuple[float, dict[str, NDArray[Any]]]]:
     """Times in ns, whether they are missing, and the other columns, NaN where blank."""
     for share, table in _delimited.parse(found, layout.columns):
-        time_ns, missing = _delimited.whole_ns(table["time"])
+        time_ns, missing = _time_text.whole_ns(table["time"])
         numbers = {name: vector(table, name, gaps=True) for name in layout.columns[1:]}
         yield share, {"time": time_ns, "missing": missing, **numbers}
 
 
 def _of_json(path: Path, text: Text) -> Log:
     table = read_records(path, text.whole())
-    time_ns, missing = _delimited.whole_ns(table["time"])
+    time_ns, missing = _time_text.whole_ns(table["time"])
     columns = Columns({name: vector(table, name, gaps=True) for name in table.column_names if name != "time"})
     return Log(path, "GNSS JSON", "records", time_ns, missing, columns, None, lambda row, column: None)
 

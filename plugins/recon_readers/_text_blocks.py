@@ -20,7 +20,10 @@ BLOCK: Final = 1 << 22
 """Bytes that are taken in at a time."""
 KEPT: Final = 1 << 20
 """Bytes of beginning and end that are kept."""
+HEAD_BYTES: Final = 65536
+"""Of the beginning, by which text is told from what is none."""
 _BOM: Final = codecs.BOM_UTF8
+_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 
 Opener: TypeAlias = Callable[[], AbstractContextManager[IO[bytes]]]
 """Opens a file from its beginning."""
@@ -186,3 +189,38 @@ def unreadable(path: Path, error: Exception) -> ReadFailed:
     """The error that the system does not give a file."""
     reason = getattr(error, "strerror", None) or str(error)
     return ReadFailed(path, f"it cannot be read: {reason}", hint="check the name and the permissions")
+
+
+def load(path: Path) -> Text:
+    """The whole file with line ends \\n and without a byte order mark.
+
+    Raises ReadFailed for what is no regular file, cannot be read, is empty, or is not one-byte text.
+    """
+    text = Text.open(path)
+    fault = not_text(text.head[:HEAD_BYTES])
+    if fault:
+        what, hint = fault
+        raise ReadFailed(path, what, hint=hint)
+    return text
+
+
+def contents(path: Path) -> bytes:
+    """The whole file as it is. Raises ReadFailed for what is no regular file or cannot be read."""
+    check_regular(path)
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from error
+
+
+def not_text(head: bytes) -> tuple[str, str] | None:
+    """Why the beginning of a file is not that of one-byte text, and what to do; None where it is."""
+    if not head.strip():
+        what = "it holds nothing but blanks" if head else "the file is empty"
+        return what, "check that the log was copied completely"
+    few, many = sorted((head[0::2].count(0), head[1::2].count(0)))
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff") or (len(head) > 3 and many > 0.4 * len(head) / 2 and few < many / 4):
+        return "this is UTF-16 text", "save it as ASCII or UTF-8"
+    if _CONTROL.search(head.rstrip(b"\0")) or not head.rstrip(b"\0"):
+        return "this is not a text file", "unpack it if it is an archive"
+    return None

@@ -1,8 +1,9 @@
-"""Texts of dates and times of day as whole nanoseconds; none goes through a double."""
+"""Texts of dates and times of day, and decimal seconds, as whole nanoseconds; none goes through a double."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from recon.numerics.gnss_time import DAY_NS, NS
 from recon_readers._time_order import Mask, Times
 
+TIME_TYPE: Final = pa.decimal128(38, 18)
+"""Seconds as decimals; `whole_ns` makes nanoseconds of them."""
+_LARGEST_NS: Final = Decimal(9 * 10**18)
 CLOCK: Final = r"(?P<H>\d{1,2}):?(?P<M>\d{2})(?::?(?P<S>\d{2})(?:[.,](?P<F>\d+))?)?"
 ZONE: Final = r"\s*(?:(?P<Z>[Zz]|UTC|GMT)?(?P<sign>[+-])?(?P<zh>\d{2})?:?(?P<zm>\d{2})?)"
 ISO_DATE: Final = r"(?P<y>\d{4})[-/.]?(?P<m>\d{1,2})[-/.]?(?P<d>\d{1,2})"
@@ -92,3 +96,19 @@ def over_midnight(clock_ns: Times) -> Times:
     """
     days_on = np.cumsum(np.diff(clock_ns, prepend=clock_ns[:1]) < -DAY_NS // 2)
     return np.asarray(clock_ns + days_on * DAY_NS)
+
+
+def whole_ns(times: pa.ChunkedArray, digits: int = 9) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Decimal seconds as whole nanoseconds; what is below a nanosecond is cut off.
+
+    times : (n,) decimals, in s; in ms where digits is 6, in us for 3, in ns for 0
+    returns : (n,) ns, 0 where a time is null, clipped to 9e9 s; (n,) bool, true where a time is null
+    """
+    from pyarrow import compute
+
+    limit = pa.scalar(_LARGEST_NS.scaleb(-digits), TIME_TYPE)
+    bounded = compute.if_else(compute.greater(compute.abs(times), limit), limit, times)
+    exact = bounded.cast(pa.decimal128(20, digits), safe=False)
+    if digits:
+        exact = compute.multiply(exact, pa.scalar(Decimal(10**digits)))
+    return np.asarray(exact.cast(pa.int64()).fill_null(0)), np.asarray(times.is_null())

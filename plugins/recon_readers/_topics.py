@@ -24,8 +24,8 @@ from recon.stages import Wanted
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave
 from recon_readers._collector import Collector, Language
-from recon_readers._csv_mapping import Axes
 from recon_readers._limits import MOST_FAULTY, possible
+from recon_readers._mapping_parts import Axes
 from recon_readers._message_kinds import KINDS, Kind
 from recon_readers._sensing import doubts, turned
 from recon_readers._streams import described, valued

@@ -36,24 +36,15 @@ from recon.stages import Reader, Schemas, Sniff
 from recon.tables import Array, Streams
 from recon_readers._columns import Columns
 from recon_readers._csv_mapping import Columns as Mapped
-from recon_readers._csv_mapping import Time, schemas
+from recon_readers._csv_mapping import schemas
 from recon_readers._csv_propose import in_shell, propose
+from recon_readers._csv_rows import Others, Part, fresh_rows, together, valid_rows
 from recon_readers._csv_sheet import Sheet
-from recon_readers._csv_streams import (
-    Others,
-    Part,
-    assumptions,
-    fresh_rows,
-    locate,
-    make,
-    together,
-    valid_rows,
-    values_of,
-)
+from recon_readers._csv_streams import assumptions, locate, make, values_of
 from recon_readers._csv_text import Form, open_sheet, survey
 from recon_readers._csv_time import Clock, clock_of, read_times
-from recon_readers._delimited import not_text
-from recon_readers._text_blocks import Text, plain
+from recon_readers._mapping_parts import Time
+from recon_readers._text_blocks import Text, not_text, plain
 from recon_readers._time_order import Times, in_order
 
 UNSURE: Final = 0.3

@@ -36,8 +36,7 @@ from recon.rows import Metric, metrics
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, build
 from recon.units import UnitError, convert
-from recon_readers._delimited import contents
-from recon_readers._text_blocks import plain
+from recon_readers._text_blocks import contents, plain
 
 _KNOWN: Final[tuple[tuple[str, Element], ...]] = (
     (r"delta.?v.*long|long.*delta.?v", DELTA_V_LONG),

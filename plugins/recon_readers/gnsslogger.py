@@ -31,10 +31,9 @@ from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector
 from recon_readers._columns import kept
-from recon_readers._delimited import load
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
-from recon_readers._text_blocks import Text, plain
+from recon_readers._text_blocks import Text, load, plain
 
 SENSORS: Final = {"accel": ("Accel", 1.0), "gyro": ("Gyro", 1.0), "mag": ("Mag", 1e-6)}
 PROVIDERS: Final = ("GPS", "FLP", "NLP")

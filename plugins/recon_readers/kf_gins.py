@@ -37,12 +37,12 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
-from recon_readers._delimited import HEAD_BYTES, TIME_TYPE, not_text
 from recon_readers._lines import Form, Lines, read_lines
 from recon_readers._reference import reference_columns
 from recon_readers._streams import Source, stream
-from recon_readers._text_blocks import Text, plain
+from recon_readers._text_blocks import HEAD_BYTES, Text, not_text, plain
 from recon_readers._time_order import Mask, Times, in_order
+from recon_readers._time_text import TIME_TYPE
 
 LOOK_AT: Final = 50
 MOST_FILES: Final = 50

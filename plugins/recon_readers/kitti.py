@@ -32,9 +32,9 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, with_meta
-from recon_readers._delimited import contents
 from recon_readers._reference import reference_columns
 from recon_readers._streams import Source, stream
+from recon_readers._text_blocks import contents
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
 

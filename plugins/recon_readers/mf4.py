@@ -41,8 +41,9 @@ from recon.tables import Array, Streams, with_meta
 from recon.units import convert
 from recon.utc import zone_ns
 from recon_readers._arrays import interleave
-from recon_readers._csv_mapping import Accel, Vector, gnss_facts, schemas
+from recon_readers._csv_mapping import gnss_facts, schemas
 from recon_readers._limits import MOST_FAULTY, possible
+from recon_readers._mapping_parts import Accel, Vector
 from recon_readers._mf4_channels import Channels, Stream
 from recon_readers._sensing import doubts
 from recon_readers._streams import described

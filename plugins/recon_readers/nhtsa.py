@@ -36,11 +36,11 @@ from recon.tables import Array, Streams, with_meta
 from recon.units import convert
 from recon_readers._arrays import FRONT_RIGHT_DOWN, interleave
 from recon_readers._columns import kept
-from recon_readers._delimited import TIME_TYPE, contents
 from recon_readers._lines import COPIED, Form, read_lines
 from recon_readers._streams import Source, stream
-from recon_readers._text_blocks import Text, plain
+from recon_readers._text_blocks import Text, contents, plain
 from recon_readers._time_order import Times, in_order, repeating
+from recon_readers._time_text import TIME_TYPE
 
 UNITS: Final = {("AC", "G'S"): ("accel", "g"), ("AV", "DPS"): ("gyro", "deg/s")}
 """By sensor and unit of a channel, the group of the stream and its unit."""

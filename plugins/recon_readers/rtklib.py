@@ -34,12 +34,11 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, vector, with_meta
-from recon_readers._delimited import TIME_TYPE, whole_ns
 from recon_readers._lines import COPIED, Form, read_lines
 from recon_readers._streams import Source, stream
 from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
-from recon_readers._time_text import moments
+from recon_readers._time_text import TIME_TYPE, moments, whole_ns
 
 HEADER: Final = 8192
 """Bytes in which the comments are that tell what the columns are."""

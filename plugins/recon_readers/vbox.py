@@ -36,8 +36,8 @@ from recon.schema import GNSS, IMU
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, vector, with_meta
 from recon.units import convert
-from recon_readers._csv_mapping import Axes
 from recon_readers._lines import COPIED, Form, Lines, read_lines
+from recon_readers._mapping_parts import Axes
 from recon_readers._streams import Source, stream
 from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
