@@ -25,6 +25,8 @@ _GAP_S: Final = 3.0
 """s without a fix, beyond which the velocity between is not known beforehand."""
 _DIFFERENCE_S: Final = 3.9
 """s between positions whose difference is a velocity: noise of metres then is one of decimetres per second."""
+_FOLLOWED_S: Final = 120.0
+"""s behind the last fix over which an IMU alone tells the way better than standing still does."""
 _VECTORS: Final = ("vel_n", "pos_n", "gyro_bias", "accel_bias", "drift_n")
 _NO_HEADING: Final = 0.2
 """rad; doubt of the first heading that noise alone exceeds, and no drive."""
@@ -75,7 +77,11 @@ def start_state(smoother: Smoother) -> State:
         forward_n = np.einsum("ijn,j->in", rot_ns, rot_vs[0])
         vel_n, pos_n = dead_reckoned(drive, knots, (vel_n, pos_n), known, forward_n)
     smoother.datum = smoother.datum.moved(rot_vs, rot_ns[..., :1], pos_n[:, 0])
-    return replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
+    state = replace(state, rot_ns=rot_ns, vel_n=vel_n, pos_n=pos_n, rot_vs=rot_vs)
+    seen = int(np.flatnonzero(known)[-1]) + 1 if known.any() else len(known)
+    if smoother.model.wheels or knots[-1] - knots[seen - 1] > _FOLLOWED_S:
+        return state
+    return continued(smoother, _until(state, seen))
 
 
 def continued(smoother: Smoother, state: State) -> State:
@@ -99,6 +105,13 @@ def continued(smoother: Smoother, state: State) -> State:
         state.vel_n[:, k + 1] = vel + pull * length + rot @ made.velocity[:, k]
         state.pos_n[:, k + 1] = pos + vel * length + 0.5 * pull * length**2 + rot @ made.position[:, k]
     return state
+
+
+def _until(state: State, knots: int) -> State:
+    """The first knots of a state."""
+    return replace(
+        state, rot_ns=state.rot_ns[..., :knots], **{name: getattr(state, name)[:, :knots] for name in _VECTORS}
+    )
 
 
 def _moves_much(smoother: Smoother) -> bool:

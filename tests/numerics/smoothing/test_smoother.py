@@ -62,6 +62,25 @@ def test_a_heading_that_starts_wrong_is_put_right(sim, best, degrees):
     check_same(found.state, best.state, share=0.3)
 
 
+def test_behind_the_last_fix_it_starts_with_the_way_that_the_imu_tells(sim):
+    """Nothing is assumed of wheels: without it the start stands at the last fix with the last velocity."""
+    fixes, knots = sim.drive.fixes, sim.drive.samples.knot_times
+    heard = fixes.t_s < sim.log.seconds - 20.0
+    lost = replace(
+        fixes,
+        pos_sigma=np.where(heard, fixes.pos_sigma, np.inf),
+        vel_sigma=np.where(heard, fixes.vel_sigma, np.inf),
+    )
+    start = start_state(Smoother(replace(sim.drive, fixes=lost), Model(wheels=False)))
+    silent = knots > fixes.t_s[heard][-1] + 1.0
+    assert silent.sum() > 8
+    truth = sim.at(knots).pos_n
+    moved = np.linalg.norm(truth[:2, -1] - truth[:2, ~silent][:, -1])
+    # 20 s with tilts of the closed form that are good to a degree: 0.5 g sin(1 deg) 20^2 = 34 m
+    assert moved > 50.0
+    assert np.linalg.norm((start.pos_n - truth)[:2, -1]) < 34.0
+
+
 @pytest.mark.parametrize("about", [0, 1])
 def test_a_box_that_starts_tilted_is_put_right(sim, best, about):
     smoother = Smoother(sim.drive, Model())
