@@ -174,22 +174,29 @@ class DirectionFactors:
     variance: Floats
 
     def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
-        """Add the factors at a state: sideways and upwards of the direction nothing, by as much as it is doubted."""
+        """Add the factors at a state: sideways and upwards of the direction nothing, by as much as it is doubted.
+
+        Where the state moves the other way, which is as little across, along the direction as fast as it does.
+        """
         rot, vel_n = state.rot_ns[..., self.k], state.vel_n[:, self.k]
         lever = np.broadcast_to(state.common[CAMERA_LEVER, None], vel_n.shape)
         vel_s = mtv(rot, vel_n) + cross(self.rate_s, lever)
         speed = np.maximum(np.sqrt((vel_s**2).sum(axis=0)), _MOVING)
-        across_s = np.einsum("ij,ajm->aim", rotation_exp(state.common[CAMERA, None])[..., 0], self.across_s)
-        error = np.einsum("aim,im->am", across_s, vel_s) / speed
+        axes_s = np.stack([*self.across_s, cross(*self.across_s)])
+        axes_s = np.einsum("ij,ajm->aim", rotation_exp(state.common[CAMERA, None])[..., 0], axes_s)
+        error = np.einsum("aim,im->am", axes_s, vel_s) / speed
+        back = error[2] < 0.0
+        error[2] -= 1.0
         on = speed > _MOVING
-        weight = cauchy_weights((error**2).sum(axis=0) / self.variance, _C2) / self.variance
+        weight = cauchy_weights((error[:2] ** 2).sum(axis=0) / self.variance, _C2) / self.variance
         root = np.sqrt(weight * on) / speed
-        to_n = np.einsum("aim,jim->ajm", across_s, rot)
-        tall = np.zeros((len(self.k), 2, 13))
-        for row, (along_n, along_s) in enumerate(zip(to_n, across_s, strict=True)):
+        to_n = np.einsum("aim,jim->ajm", axes_s, rot)
+        tall = np.zeros((len(self.k), 3, 13))
+        for row, (along_n, along_s) in enumerate(zip(to_n, axes_s, strict=True)):
             parts = cross(along_n, vel_n), along_n, cross(along_s, vel_s), cross(along_s, self.rate_s)
             tall[:, row, :12] = (np.concatenate(parts) * root).T
             tall[:, row, 12] = -error[row] * root * speed
+        tall[~back, 2] = 0.0
         normal.add_knots(slice(ROTATION.start, VELOCITY.stop), slice(CAMERA.start, CAMERA_LEVER.stop), tall, self.k)
 
 
