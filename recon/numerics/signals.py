@@ -10,7 +10,7 @@ References
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,9 @@ from recon.numerics.integration import cumulative
 Floats = NDArray[np.float64]
 Times = NDArray[Any]
 """float64 s or int64 ns."""
+
+_BLOCK: Final = 16_384
+"""New times interpolated at once: what is found on the way stays in the cache of one core."""
 
 
 def wrap_angle(angle: ArrayLike) -> Floats:
@@ -239,15 +242,17 @@ def interpolate_angle(t_new: ArrayLike, t: ArrayLike, angle: ArrayLike, max_gap:
 
 def _interpolate_known(t_new: Times, t: Times, y: Floats, max_gap: float | None) -> Floats:
     """As `interpolate` where y holds numbers only; each column of the result is contiguous."""
-    left, right, fraction = bracket(t_new, t)
-    if max_gap is not None:
-        between = (fraction > 0.0) & (fraction < 1.0)
-        fraction[between & (np.asarray(t[right] - t[left]) > max_gap)] = np.nan
-    rest = 1.0 - fraction
     result = np.empty((*y.shape[1:], len(t_new))).T
-    for column, target in zip(_columns(y), _columns(result), strict=True):
-        np.multiply(rest, column[left], out=target)
-        target += fraction * column[right]
+    for start in range(0, len(t_new), _BLOCK):
+        some = slice(start, start + _BLOCK)
+        left, right, fraction = bracket(t_new[some], t)
+        if max_gap is not None:
+            between = (fraction > 0.0) & (fraction < 1.0)
+            fraction[between & (np.asarray(t[right] - t[left]) > max_gap)] = np.nan
+        rest = 1.0 - fraction
+        for column, target in zip(_columns(y), _columns(result[some]), strict=True):
+            np.multiply(rest, column[left], out=target)
+            target += fraction * column[right]
     return result
 
 
