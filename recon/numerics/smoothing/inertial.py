@@ -99,7 +99,7 @@ def add_inertial(normal: Normal, tall: Floats, white: Floats) -> None:
 
 
 def _put(rows: Floats, columns: slice, matrices: Floats) -> None:
-    rows[:, :, columns] = np.moveaxis(matrices, -1, 0)
+    rows[:, :, columns] = matrices.transpose(2, 0, 1)
 
 
 def _moved(state: State, increments: Increments) -> tuple[Floats, Floats, Floats]:

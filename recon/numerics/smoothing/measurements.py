@@ -286,9 +286,9 @@ def _fill(rows: Floats, measured: Measured, drift: bool, u: Floats, hermite: Flo
     turn, along = measured.turn[..., part], measured.along[..., part]
     for first, share, pos, vel in ((0, 1.0 - u, hermite[0], hermite[1]), (12, u, hermite[2], hermite[3])):
         if drift:
-            rows[:, :, first : first + 3] = np.moveaxis(along * share, -1, 0)
-        rows[:, :, first + 3 : first + 6] = np.moveaxis(turn * share, -1, 0)
-        rows[:, :, first + 6 : first + 9] = np.moveaxis(along * vel, -1, 0)
-        rows[:, :, first + 9 : first + 12] = np.moveaxis(along * pos, -1, 0)
-    rows[:, :, 24:38] = np.moveaxis(measured.common[:, COMMON, part], -1, 0)
+            rows[:, :, first : first + 3] = (along * share).transpose(2, 0, 1)
+        rows[:, :, first + 3 : first + 6] = (turn * share).transpose(2, 0, 1)
+        rows[:, :, first + 6 : first + 9] = (along * vel).transpose(2, 0, 1)
+        rows[:, :, first + 9 : first + 12] = (along * pos).transpose(2, 0, 1)
+    rows[:, :, 24:38] = measured.common[:, COMMON, part].transpose(2, 0, 1)
     rows[:, :, 38] = -measured.residual[:, part].T

@@ -20,7 +20,7 @@ from recon.numerics.smoothing.band import new_band
 from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE
 
-CHUNK: Final = 256
+CHUNK: Final = 128
 """Intervals whose Jacobians are built and multiplied at once, so that they stay in the cache."""
 
 
