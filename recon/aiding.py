@@ -1,7 +1,7 @@
 """Streams beside IMU, GNSS and the wheels' speed as what the smoother takes in: barometer, map, camera, steering.
 
-The scale of a barometer's heights comes from those of GNSS, its level from nothing: only climbs are told. The level of
-a map comes from GNSS as well, for datums differ and boxes ride above the ground. Rotations that a camera saw are held
+Of a barometer only climbs are told; their scale is an unknown of the smoother, their noise that of the record. The
+level of a map comes from GNSS, for datums differ and boxes ride above the ground. Rotations that a camera saw are held
 against the gyroscope's, which tells its bias; its directions of travel are taken as they are. So are turn rates of the
 steering, whose ratio, offset and understeer are those that fit the gyroscope best over the drive.
 """
@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon.fixes import Observed
-from recon.numerics.barometer import height_scale, pressure_height
+from recon.numerics.barometer import pressure_height
 from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, rotate, slerp, to_rotvec
 from recon.numerics.smoothing import level_rotation, positions_n
 from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
@@ -24,20 +24,20 @@ from recon.numerics.steering import grips, single_track
 from recon.rows import Metric
 from recon.tables import Array, has, matrix, seconds, select_rows, time_ns, vector
 
-_CORRELATED_S: Final = 200.0
-"""s in which errors of GNSS heights are the same."""
+_LEAST_BARO, _USUAL_BARO = 0.1, 0.3
+"""m; sigma of a mean of two seconds, for wind and the speed stir the air however fine the sensor is."""
 _APART_M: Final = 100.0
 """m in which errors of maps are the same."""
 
 
 @dataclass(frozen=True)
 class AidTrust:
-    """What is believed of the aids: m; m/sqrt(s).
+    """What is believed of the aids: m, None : that of its record; m/sqrt(s).
 
     ground_level : m, height of the box above the map, in the datum of GNSS; None to take it from the heights of GNSS
     """
 
-    baro: float = 0.3
+    baro: float | None = None
     baro_walk: float = 0.02
     steering: bool = True
     ground_level: float | None = None
@@ -58,9 +58,7 @@ def aids_of(
     learnt: list[Metric] = []
     told = None if baro is None else np.isfinite(vector(baro, "pressure", gaps=True))
     if baro is not None and told is not None and told.sum() > 1:
-        climb, found = _climb(select_rows(baro, told), observed, start_ns, trust)
-        aids.append(climb)
-        learnt += found
+        aids.append(_climb(select_rows(baro, told), start_ns, trust))
     if ground is not None and ground.num_rows > 1 and observed.height:
         plane, found = _ground(ground, observed, start_ns, trust)
         aids.append(plane)
@@ -82,17 +80,17 @@ def _heights(observed: Observed, t_s: Array) -> tuple[Array, Array]:
     return fixes.pos_n[2], np.asarray(known)
 
 
-def _climb(baro: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -> tuple[Climb, list[Metric]]:
+def _climb(baro: pa.Table, start_ns: int, trust: AidTrust) -> Climb:
     t_s, height = seconds(baro, since=start_ns), pressure_height(np.maximum(vector(baro, "pressure"), 1.0))
-    gnss, inside = _heights(observed, t_s)
-    scale, sigma = 1.0, float("nan")
-    if inside.sum() > 2:
-        at_s = observed.fixes.t_s[inside]
-        independent = max(1.0, float(at_s[-1] - at_s[0]) / _CORRELATED_S)
-        both = np.interp(at_s, t_s, height)
-        scale, sigma = height_scale(both, gnss[inside], float(observed.drift[2]), independent)
-    learnt = [Metric("baro_scale", scale, "1", sigma, method="heights of GNSS", note="of the standard atmosphere's")]
-    return Climb(t_s, scale * height, trust.baro, trust.baro_walk), learnt
+    return Climb(t_s, height, _baro_noise(t_s, height) if trust.baro is None else trust.baro, trust.baro_walk)
+
+
+def _baro_noise(t_s: Array, height: Array) -> float:
+    """Sigma m of the mean of two seconds, from how three in a row are off a line: roads bend by less."""
+    edge_s = np.arange(t_s[0], t_s[-1] + 2.0, 2.0)
+    bend = np.diff(_means(t_s, height[None], edge_s)[0], 2)
+    bend = bend[np.isfinite(bend)]
+    return max(_LEAST_BARO, 1.4826 * float(np.median(np.abs(bend))) / np.sqrt(6.0)) if len(bend) else _USUAL_BARO
 
 
 def _ground(ground: pa.Table, observed: Observed, start_ns: int, trust: AidTrust) -> tuple[Ground, list[Metric]]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pyarrow as pa
 
-from recon import DataError, Streams, select_rows, time_ns
+from recon import DataError, Streams, has, select_rows, time_ns
 from recon.aiding import AidTrust, aids_of
 from recon.driving import drive_of, measured, solve
 from recon.fixes import Observed, about, observe
@@ -78,6 +78,7 @@ class LiveMap:
         self.learn_at_s = _FIRST_S
         self.noise: Noise | None = None
         self.awaits = "rows of imu and gnss"
+        self.unused: tuple[str, ...] = ()
         self.anchor: Anchor | None = None
         if saved is not None:
             self._restore(saved)
@@ -92,7 +93,15 @@ class LiveMap:
         for name in _TAKEN:
             if name in new:
                 self._append(name, new[name])
+        self._note_unused(new)
         return before or self._told(self.lag)
+
+    def _note_unused(self, new: Mapping[str, pa.Table]) -> None:
+        """Streams of other names, and the steering, whose model is fitted to a whole drive."""
+        left = [name for name, table in new.items() if name not in _TAKEN and name != "events" and table.num_rows]
+        if "wheel" in new and self.params.steering and has(new["wheel"], "steering_angle"):
+            left.append("the steering angle of wheel")
+        self.unused = tuple(dict.fromkeys([*self.unused, *left]))
 
     def finish(self) -> Streams:
         """The rest of `trajectory`, where no more rows will come."""
@@ -166,7 +175,9 @@ class LiveMap:
         learn = self.noise is None or length_s >= self.learn_at_s
         drive, observed, _ = self._window(3)
         noise = noise_of(self.params, observed) if self.noise is None else self.noise
-        found = solve(drive, model_of(self.params, None), noise, learn and self.params.estimate_noise)
+        found = solve(
+            drive, model_of(self.params, None, self.streams.get("baro")), noise, learn and self.params.estimate_noise
+        )
         if sigmas(found)[8, -1] > _HEADING:
             self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
             sigma = np.degrees(sigmas(found)[8, -1])
@@ -179,7 +190,7 @@ class LiveMap:
 
     def _go_on(self, held: _Held) -> tuple[Estimate | None, Observed | None]:
         drive, observed, start_ns = self._window(0)
-        smoother = Smoother(drive, model_of(self.params, None), held.arrival)
+        smoother = Smoother(drive, model_of(self.params, None, self.streams.get("baro")), held.arrival)
         knots_ns = start_ns + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
         state = held.arrival.state
         if self.guess is not None:

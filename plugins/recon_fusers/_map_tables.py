@@ -19,6 +19,7 @@ from recon.numerics.smoothing.soa import matrix_to_quat, quat_multiply
 from recon.numerics.smoothing.state import (
     ACCEL_BIAS,
     ACCEL_SCALE,
+    BARO,
     CAMERA,
     CAMERA_LEVER,
     DRIFT,
@@ -248,6 +249,9 @@ def estimates(found: Estimate, observed: Observed) -> list[Metric]:
         if deviation[index] > 0.0 and (index != WHEEL or len(found.smoother.drive.wheel_t_s)):
             value = common[index] + (solved.moved_lag if index == LAG else 0.0)
             rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=how))
+    if deviation[BARO] > 0.0:
+        note = "of the standard atmosphere's climbs"
+        rows.append(Metric("baro_scale", 1.0 + float(common[BARO]), "1", float(deviation[BARO]), method=how, note=note))
     rows += _biases(found)
     for name, part, unit, factor in (
         ("gyro_scale", GYRO_SCALE, "1", 1.0), ("accel_scale", ACCEL_SCALE, "1", 1.0),

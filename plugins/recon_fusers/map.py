@@ -116,7 +116,9 @@ class MapParams(Params):
     )
     steering: bool = setting(True, doc="Take turn rates from the angle of the steering wheel, where wheel holds it.")
     wheels: bool = setting(True, doc="It rolls on wheels that hardly slip: motion across is small, roads are level.")
-    baro_noise: float = quantity(0.3, "m", gt=0, doc="Error of a barometer's height, mean of two seconds.")
+    baro_noise: float | None = quantity(
+        None, "m", gt=0, doc="Error of a barometer's height, mean of two seconds; none: from its record."
+    )
     baro_walk: float = quantity(0.02, "m/sqrt(s)", gt=0, doc="Random walk of the air's pressure, as height.")
     ground_level: float | None = quantity(
         None, "m", doc="Height of the box above the map of heights, in the datum of GNSS; none: as GNSS tells it."
@@ -178,7 +180,7 @@ def fuse_map(
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.steering, params.ground_level)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
-    model = model_of(params, attitude)
+    model = model_of(params, attitude, baro)
     if visual is not None and visual.num_rows > 1:
         lever, lever_sigma = params.camera_lever, params.camera_lever_sigma
         model = replace(model, camera=params.camera_sigma, camera_lever=lever, camera_lever_sigma=lever_sigma)
@@ -220,8 +222,9 @@ def _value(params: MapParams, name: str) -> float:
     return typical(params.sensor_class, name) if given is None else given
 
 
-def model_of(params: MapParams, attitude: pa.Table | None) -> Model:
+def model_of(params: MapParams, attitude: pa.Table | None, baro: pa.Table | None = None) -> Model:
     """How the vehicle moves, and what is known beforehand."""
+    from recon.numerics.barometer import SCALE_SIGMA
     from recon.numerics.smoothing import Model
 
     value = {name: _value(params, name) for name in NAMES}
@@ -242,6 +245,7 @@ def model_of(params: MapParams, attitude: pa.Table | None) -> Model:
         accel_bias=value["accel_bias"],
         gyro_scale=value["gyro_scale"],
         accel_scale=value["accel_scale"],
+        baro=SCALE_SIGMA if baro is not None and baro.num_rows > 1 else 0.0,
         lag=params.gnss_delay,
         velocity_lag=params.gnss_velocity_delay,
         wheels=params.wheels,

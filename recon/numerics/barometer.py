@@ -43,17 +43,3 @@ def height_pressure(height: ArrayLike) -> Floats:
     """The inverse of `pressure_height`: (n,) Pa at (n,) m."""
     ratio = 1.0 + _LAPSE / _TEMPERATURE * np.asarray(height, dtype=np.float64)
     return np.asarray(_PRESSURE * ratio ** (1.0 / _EXPONENT))
-
-
-def height_scale(height: Floats, reference: Floats, sigma: float, independent: float) -> tuple[float, float]:
-    """By how much differences of pressure height must be multiplied, and its sigma, from heights known otherwise.
-
-    The slope of the line through the points, weighed against 1 with SCALE_SIGMA.
-
-    height, reference : (n,) m; sigma : m, of the reference; independent : how many independent errors it has
-    """
-    away, other = height - height.mean(), reference - reference.mean()
-    told = independent * float(np.mean(away**2)) / sigma**2
-    slope = float(np.mean(away * other)) / max(float(np.mean(away**2)), np.finfo(float).tiny)
-    prior = 1.0 / SCALE_SIGMA**2
-    return (prior + told * slope) / (prior + told), float(1.0 / np.sqrt(prior + told))

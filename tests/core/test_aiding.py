@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 
 from recon.aiding import AidTrust, aids_of
 from recon.fixes import Trust, observe
-from recon.numerics.barometer import height_scale, pressure_height
+from recon.numerics.barometer import height_pressure, pressure_height
 from recon.numerics.rotation import from_rotvec
 from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate
-from recon.tables import matrix, replace, time_ns, vector
+from recon.tables import matrix, replace, seconds, time_ns, vector
 from recon.testing.drives import Conditions, drive
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -33,26 +33,21 @@ def test_nothing_is_made_of_nothing(streams):
     assert aids(streams) == ((), [])
 
 
-def test_a_barometer_tells_climbs_with_the_scale_of_gnss(streams):
-    ((climb,), learnt) = aids(streams, baro=streams["baro"])
+def test_a_barometer_tells_climbs_whose_noise_is_that_of_its_record(streams):
+    baro = streams["baro"]
+    t_s, rng = seconds(baro), np.random.default_rng(1)
+    noisy = replace(baro, pressure=height_pressure(20.0 * np.sin(t_s / 30.0) + rng.normal(0.0, 1.0, len(t_s))))
+    ((climb,), learnt) = aids(streams, baro=noisy)
     assert isinstance(climb, Climb)
-    assert [row.name for row in learnt] == ["baro_scale"]
-    # The drive is flat, so nothing but the prior tells the scale.
-    assert learnt[0].value == pytest.approx(1.0, abs=1e-6)
-    assert learnt[0].sigma == pytest.approx(0.04, rel=1e-3)
+    assert not learnt
+    # means of 2 s of noise of 1 m; roads bend by 20 / 30^2 m/s^2, 0.09 m in 2 s; some hundred means tell it to a tenth
+    assert climb.white == pytest.approx(1.0 / np.sqrt(2.0 / np.median(np.diff(t_s))), rel=0.3)
+    assert aids(streams, baro=baro)[0][0].white == 0.1
 
 
 def test_heights_of_the_standard_atmosphere():
     # ISO 2533, table 5: 898.76 hPa at 1000 m and 701.21 hPa at 3000 m of geopotential height 999.84 and 2998.59 m.
     assert_allclose(pressure_height([101_325.0, 89_876.2, 70_121.1]), [0.0, 999.84, 2998.6], atol=0.1)
-
-
-def test_warm_air_is_seen_against_known_heights():
-    height = np.linspace(0.0, 300.0, 200)
-    scale, sigma = height_scale(height, 1.05 * height + 40.0, sigma=3.0, independent=5.0)
-    # Five independent errors of 3 m on 87 m rms tell the slope to 3 / 87 / sqrt(5) = 1.5 %, against a prior of 4 %.
-    assert sigma == pytest.approx(0.0145, abs=0.0005)
-    assert scale == pytest.approx(1.0 + 0.05 * (1.0 - (sigma / 0.04) ** 2), abs=1e-6)
 
 
 def test_the_level_of_a_map_is_that_of_gnss(streams):

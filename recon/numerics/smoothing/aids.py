@@ -1,6 +1,6 @@
 """What other sensors add to IMU and GNSS, as factors of knots: barometers, maps of heights, cameras, speeds, steering.
 
-    climb       up (p_k+1 - p_k)            - dh          dh from a barometer, between knots
+    climb       up (p_k+1 - p_k)            - (1 + b) dh  dh from a barometer, between knots, b the error of its scale
     ground      n (p - p_g)                 = 0           on the plane of the ground below, normal n
     direction   E C^T u / |u|               = 0           E across the direction that a camera saw, C what its axes are
                                                           off by, u = R^T v + w x l its velocity, l its lever; sensor
@@ -28,6 +28,7 @@ from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.soa import Floats, cross, mtv, rotation_exp
 from recon.numerics.smoothing.state import (
+    BARO,
     CAMERA,
     CAMERA_LEVER,
     GYRO_BIAS,
@@ -94,10 +95,10 @@ class ClimbFactors:
         """Add the factors at a state."""
         k = self.k
         up = _up(gravity, k)
-        error = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0) - self.rise
+        error = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0) - (1.0 + state.common[BARO]) * self.rise
         root = np.sqrt(cauchy_weights(error**2 / self.variance, _C2) / self.variance)
-        tall = np.stack([*(-up * root), *(up * root), -error * root], axis=-1)[:, None]
-        normal.add_pairs(POSITION, tall, k)
+        tall = np.stack([*(-up * root), *(up * root), -self.rise * root, -error * root], axis=-1)[:, None]
+        normal.add_pairs(POSITION, slice(BARO, BARO + 1), tall, k)
 
 
 @dataclass(frozen=True)

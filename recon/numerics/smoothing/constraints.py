@@ -86,7 +86,7 @@ def add_standing(
         root = np.sqrt(weight).T
         i = np.arange(3)
         tall[:, i, i], tall[:, i, i + 3], tall[:, :, 6] = -root, root, -turn.T * root
-        normal.add_pairs(ROTATION, tall, k)
+        normal.add_pairs(ROTATION, slice(0, 0), tall, k)
 
 
 def relative_turn(state: State, k: NDArray[np.intp]) -> Floats:

@@ -45,6 +45,7 @@ class Model:
     lever, rear : (3,) m, vehicle, mean; lever_sigma, rear_sigma : (3,) m
     camera : rad, sigma of the axes of a camera, 0 where there is none; camera_lever : (3,) m, sensor, mean;
         camera_lever_sigma : m
+    baro : 1, sigma of the scale of a barometer's climbs, 0 where there is none
     lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
     wheels : does it roll on wheels, so that it moves forward only
     slip_growth : growth of the sigma of motion across with slip
@@ -67,6 +68,7 @@ class Model:
     camera: float = 0.0
     camera_lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
     camera_lever_sigma: float = 0.0
+    baro: float = 0.0
     lag: float = 0.1
     velocity_lag: float = 0.1
     slip: float = 0.01

@@ -77,8 +77,8 @@ _FARTHEST: Final = 1.0
 class Moments:
     """Second moments of the step about the linearisation: x x^T + covariance.
 
-    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (27, N, 18); both_common : (27, 27)
-    step : (N, 18), step_common : (27,)
+    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (28, N, 18); both_common : (28, 28)
+    step : (N, 18), step_common : (28,)
     """
 
     own: Floats

@@ -109,18 +109,21 @@ class Normal:
             self.border[row, knots, columns] += gram[:, own + index, :own]
         self.corner[np.ix_(border, border)] += gram[:, own:, own:].sum(axis=0)
 
-    def add_pairs(self, columns: slice, tall: Floats, k: NDArray[np.intp]) -> None:
+    def add_pairs(self, columns: slice, common: slice, tall: Floats, k: NDArray[np.intp]) -> None:
         """Add relations of the same components of knots k and k + 1, each k once.
 
-        tall : (n, rows, 2 c + 1), those of k, those of k + 1, then the negative residual
+        tall : (n, rows, columns), those of k, those of k + 1, `common`, then the negative residual
         """
-        own, gram = columns.stop - columns.start, np.matmul(tall.swapaxes(1, 2), tall)
+        own = columns.stop - columns.start
+        both, gram = 2 * own, np.matmul(tall.swapaxes(1, 2), tall)
         self.blocks[k, columns, columns] += gram[:, :own, :own]
-        self.blocks[k + 1, columns, columns] += gram[:, own:-1, own:-1]
-        self.blocks[k, columns, KNOT_SIZE + columns.start : KNOT_SIZE + columns.stop] += gram[:, :own, own:-1]
-        self.border[-1, k, columns] += gram[:, :own, -1]
-        self.border[-1, k + 1, columns] += gram[:, own:-1, -1]
-        self.corner[-1, -1] += float(gram[:, -1, -1].sum())
+        self.blocks[k + 1, columns, columns] += gram[:, own:both, own:both]
+        self.blocks[k, columns, KNOT_SIZE + columns.start : KNOT_SIZE + columns.stop] += gram[:, :own, own:both]
+        border = [*range(common.start, common.stop), COMMON_SIZE]
+        for index, row in enumerate(border):
+            self.border[row, k, columns] += gram[:, both + index, :own]
+            self.border[row, k + 1, columns] += gram[:, both + index, own:both]
+        self.corner[np.ix_(border, border)] += gram[:, both:, both:].sum(axis=0)
 
     def add_walk(self, columns: slice, steps: Floats, variance: Floats, kept: Floats | float = 1.0) -> None:
         """Add x_k+1 = kept x_k + white noise, component by component.

@@ -18,6 +18,7 @@ from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import Floats, mmt, rotation_log
 from recon.numerics.smoothing.state import (
     ACCEL_SCALE,
+    BARO,
     CAMERA,
     CAMERA_LEVER,
     COMMON_SIZE,
@@ -78,7 +79,7 @@ class Datum:
 
 
 def free_of(model: Model) -> Mask:
-    """Which of the common unknowns are estimated, not fixed: (27,)."""
+    """Which of the common unknowns are estimated, not fixed: (28,)."""
     return _sigmas(model) > 0.0
 
 
@@ -101,11 +102,12 @@ def add_priors(normal: Normal, state: State, model: Model, datum: Datum, moved_l
 
 
 def _sigmas(model: Model) -> Floats:
-    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (27,)."""
+    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (28,)."""
     sigma = np.ones(COMMON_SIZE)
     sigma[MOUNT] = model.mounting_sigma
     sigma[LAG], sigma[VELOCITY_LAG], sigma[WHEEL] = model.lag, model.velocity_lag, model.wheel
     sigma[SLIP], sigma[PITCH], sigma[ROLL] = model.slip, model.pitch, model.roll
+    sigma[BARO] = model.baro
     sigma[CAMERA], sigma[CAMERA_LEVER] = model.camera, model.camera_lever_sigma
     sigma[GYRO_SCALE], sigma[ACCEL_SCALE] = model.gyro_scale, model.accel_scale
     return sigma

@@ -20,6 +20,7 @@
 | GYRO_SCALE, ACCEL_SCALE | 1  | scale errors of each axis                                                  |
 | CAMERA             | rad     | error of the axes of a camera: it saw d where exp(CAMERA) d is true, sensor |
 | CAMERA_LEVER       | m       | from the IMU to the camera; sensor                                         |
+| BARO               | 1       | a climb is (1 + BARO) times that of a barometer in the standard atmosphere |
 
 Axes n are East, North, Up at the anchor, fixed to the Earth; v is the vehicle (ISO 8855), s the box.
 """
@@ -54,7 +55,8 @@ GYRO_SCALE: Final = slice(15, 18)
 ACCEL_SCALE: Final = slice(18, 21)
 CAMERA: Final = slice(21, 24)
 CAMERA_LEVER: Final = slice(24, 27)
-COMMON_SIZE: Final = 27
+BARO: Final = 27
+COMMON_SIZE: Final = 28
 SCALES: Final = slice(15, 21)
 
 LARGEST_TURN: Final = 0.7
@@ -65,7 +67,7 @@ LARGEST_TURN: Final = 0.7
 class State:
     """One value of all unknowns; arrays as in the module's tables, knots last: (3, N), rot_ns (3, 3, N).
 
-    common : (27,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
+    common : (28,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
     """
 
     rot_ns: Floats
@@ -83,7 +85,7 @@ class State:
         return int(self.pos_n.shape[1])
 
     def moved(self, step: Floats, step_common: Floats) -> State:
-        """The state after a step of the solver: (18, N) and (27,). A turn beyond LARGEST_TURN shortens all of it."""
+        """The state after a step of the solver: (18, N) and (28,). A turn beyond LARGEST_TURN shortens all of it."""
         turn = max(float(np.abs(step[ROTATION]).max()), float(np.abs(step_common[MOUNT]).max()))
         share = min(1.0, LARGEST_TURN / turn) if turn > 0.0 else 1.0
         step, step_common = step * share, step_common * share

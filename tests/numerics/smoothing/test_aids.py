@@ -14,7 +14,7 @@ from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate, Speed,
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.soa import cross, mtv, rotation_exp
-from recon.numerics.smoothing.state import CAMERA, CAMERA_LEVER, COMMON_SIZE, KNOT_SIZE, VELOCITY, WHEEL
+from recon.numerics.smoothing.state import BARO, CAMERA, CAMERA_LEVER, COMMON_SIZE, KNOT_SIZE, VELOCITY, WHEEL
 
 # Central differences of a step of 1e-5, relative to the size of a column.
 DIFFERENCE = 1e-6
@@ -53,7 +53,7 @@ def test_a_barometer_tells_the_rise_between_knots(drive):
         pull = drive.gravity.value_n[:, k]
         up = -pull / np.linalg.norm(pull, axis=0)
         rise = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0)
-        return ((rise - factors.rise) / np.sqrt(factors.variance))[None]
+        return ((rise - (1.0 + state.common[BARO]) * factors.rise) / np.sqrt(factors.variance))[None]
 
     check(drive, aid, rows)
 
