@@ -256,10 +256,12 @@ class Live(Protocol):
 
     since_ns : rows from this time on, ns since 1970, are needed again by one that goes on from what was saved
     awaits : what is missing before anything can be told, in a few words that follow "waiting for"; "" while it tells
+    unused : what it was given and makes nothing of, though the same stage does of a whole drive, in a few words each
     """
 
     since_ns: int
     awaits: str
+    unused: tuple[str, ...]
 
     def advance(self, new: Streams) -> Streams:
         """Take rows that follow those given before, by stream.

@@ -112,7 +112,7 @@ class _Teller:
         self.pause, self.as_json, self.shown = pause, as_json, shown
         self._latest: pa.Table | None = None
         self._told_at = self._reason_at = -math.inf
-        self._bad = self._wrong = 0
+        self._bad = self._wrong = self._unused = 0
 
     def take(self, told: Streams) -> None:
         """What a step of a session told."""
@@ -131,6 +131,9 @@ class _Teller:
                 console.write_error(f"waiting for {session.awaits}")
             else:
                 self._write({**_gnss_facts(session.heard), "waiting_for": session.awaits})
+        if unused := session.live.unused[self._unused :]:
+            console.write_error(f"left to 'recon run {session.steps.pipeline}' afterwards: {', '.join(unused)}")
+            self._unused = len(session.live.unused)
         for line in session.bad[self._bad :][:1]:
             console.write_error(f"{line}: left out")
         for note in session.clock.wrong[self._wrong :][:1]:

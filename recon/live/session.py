@@ -32,7 +32,8 @@ from recon.problems import Problem
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.runner import read_one
-from recon.stages import Detector, Fuser, Live, Reader
+from recon.schema import APPENDED
+from recon.stages import Fuser, Live, Reader
 from recon.storage.atomic import staged_file
 from recon.tables import Streams, select_rows, time_ns
 
@@ -56,7 +57,7 @@ class Following:
 
 
 def following(pipeline: Pipeline, registry: Registry, overrides: Iterable[Override] = ()) -> Following:
-    """The reader and the first fuser that can follow; between them may only stand detectors, which change no rows.
+    """The reader and the first fuser that can follow; the steps between them may only add what it can do without.
 
     Raises ConfigError where the pipeline does not begin so.
     """
@@ -64,11 +65,24 @@ def following(pipeline: Pipeline, registry: Registry, overrides: Iterable[Overri
     if problems:
         raise ConfigError(problems)
     reader, *others = plan.steps
-    fuser = next((step for step in others if not isinstance(step.stage, Detector)), None)
-    if not isinstance(reader.stage, Reader) or fuser is None or not _follows(fuser):
+    fuser = next((step for step in others if isinstance(step.stage, Fuser)), None)
+    between = others[: others.index(fuser)] if fuser is not None else []
+    if (
+        not isinstance(reader.stage, Reader)
+        or fuser is None
+        or not _follows(fuser)
+        or not all(_spared(step, fuser) for step in between)
+    ):
         text = f"recon live cannot follow '{pipeline.name}': it takes a reader and then a fuser that can, as fuser.map"
         raise ConfigError([Problem(reader.step.where, "not-live", text, "try recon live best_accuracy")])
     return Following(pipeline.name, reader, fuser, tuple(step.id for step in others if step is not fuser))
+
+
+def _spared(step: PlannedStep, fuser: PlannedStep) -> bool:
+    """Does a step change nothing that it reads, and add at most what the fuser can do without?"""
+    made = set(step.outputs) - set(APPENDED)
+    needed = {name for name, need in fuser.stage.reads.items() if not need.optional}
+    return made.isdisjoint(step.inputs.values()) and made.isdisjoint(needed)
 
 
 def _follows(step: PlannedStep) -> bool:

@@ -16,8 +16,9 @@ from recon.live.session import Session, following
 from recon.pipeline import Pipeline
 from recon.registry import Registry
 from recon.rows import warnings_of
+from recon.schema import GNSS, WHEEL
 from recon.storage.mcap import read_file
-from recon.tables import matrix, seconds, time_ns, vector
+from recon.tables import build, matrix, seconds, time_ns, vector
 
 EPOCH_2000 = 946_681_200
 
@@ -277,3 +278,18 @@ def test_a_clock_that_is_set_back_is_told_and_ends_nothing(lines, tmp_path):
     session.close()
     assert recon.read(out)["imu"].num_rows == 501
     assert ["set back" in note for note in session.warnings] == [True]
+
+
+def test_a_map_of_heights_is_left_to_a_run_over_the_whole_drive():
+    steps = following(Pipeline.from_file("mountain"), Registry.installed())
+    assert steps.fuser.id == "fuser.map"
+    assert "filter.terrain" in steps.left_out
+
+
+def test_what_it_is_given_and_does_not_use_is_told():
+    steps = following(Pipeline.from_file("best_accuracy"), Registry.installed())
+    live = steps.fuser.stage.live(steps.fuser.params, 10.0, None)
+    wheel = build(WHEEL, time=np.arange(3) * 10**9, speed=np.ones(3), steering_angle=np.zeros(3))
+    fix = build(GNSS, time=np.arange(2) * 10**9, speed=np.zeros(2))
+    live.advance({"wheel": wheel, "gnss": fix, "gnss_2": fix})
+    assert live.unused == ("gnss_2", "the steering angle of wheel")
