@@ -1,15 +1,17 @@
 """What a barometer, a map of heights and the wheels add to `fuser.map`, on simulated drives whose truth is known.
 
-    python tests/benchmarks/aids.py [--drives 10] [--only outages end]
+    python tests/benchmarks/aids.py [--drives 10] [--only barometer map outages end poor]
 
     barometer   country roads, 15 minutes, GNSS tells no vertical velocity; windows and tunnels move the pressure six
-                times an hour; RMS error of the height
+                times an hour; RMS error of the height, and the same but for its mean (barometer, climbs): the mean is
+                that of GNSS, of which no barometer knows
     map         the same, the heights of a map wrong by 1 m each (white), and by 12 m on a bridge of 20 s; the level of
                 the map is that of GNSS, or is known (map, level)
     outages     town and country, an outage of 60 s each five minutes: the speed of the wheels, and beside it the angle
                 of the steering wheel. Horizontal RMS error in the outages: all of it, most of which is the slow error
                 of GNSS before and after; and what the outage added to that
     end         the same, one outage, the last four minutes, after which no fix comes
+    poor        as outages, with a gyroscope of ten to twenty times the noise and the walk of `consumer_mems`
 
 A row is a drive: error of GNSS itself, without the aid, with it.
 """
@@ -61,12 +63,20 @@ def hills(seed: int) -> dict[str, pa.Table]:
     )  # fmt: skip
 
 
-def barometer(seed: int) -> Row:
-    """Heights with a barometer."""
+def barometer(seed: int) -> tuple[Row, Row]:
+    """Heights with a barometer, and how they change."""
     drive = hills(seed)
     reference = drive["reference"]
-    errors = (height_error(fused(drive, baro=baro), reference) for baro in (None, drive["baro"]))
-    return (rms(height_error(drive["gnss"], reference)), *map(rms, errors))
+    errors = [height_error(fused(drive, baro=baro), reference) for baro in (None, drive["baro"])]
+    whole, climbs = (
+        [each(error) for error in (height_error(drive["gnss"], reference), *errors)] for each in (rms, spread)
+    )
+    return (whole[0], whole[1], whole[2]), (climbs[0], climbs[1], climbs[2])
+
+
+def spread(values: np.ndarray) -> float:
+    """Root mean square but for the mean."""
+    return rms(values - np.nanmean(values))
 
 
 def ground_of(drive: dict[str, pa.Table], seed: int) -> pa.Table:
@@ -116,12 +126,16 @@ def place_errors(found: pa.Table, reference: pa.Table, spans: tuple[tuple[float,
     return rms(np.linalg.norm(np.vstack(whole), axis=1)), rms(np.linalg.norm(np.vstack(added), axis=1))
 
 
-def silent(seed: int, spans: tuple[tuple[float, float], ...]) -> np.ndarray:
+POOR = {"gyro_noise": np.radians(0.14), "gyro_bias_walk": np.radians(0.004)}
+"""rad/s/sqrt(Hz) and rad/s/sqrt(s); consumer_mems has 0.007 deg and 0.0004 deg."""
+
+
+def silent(seed: int, spans: tuple[tuple[float, float], ...], **sensors: float) -> np.ndarray:
     """Errors of places in outages without wheels, with their speed, and with the steering beside it: (3, 2) m."""
     drive = simulate_drive(
         DriveParams(
             motion="mixed", duration=960.0, imu_rate=50.0, seed=seed, route=seed, outages=spans, wheel_rate=20.0,
-            steering=True,
+            steering=True, **sensors,
         )
     )  # fmt: skip
     speed = drive["wheel"].select(["time", "speed"])
@@ -129,7 +143,10 @@ def silent(seed: int, spans: tuple[tuple[float, float], ...]) -> np.ndarray:
     return np.array([place_errors(table, drive["reference"], spans) for table in tables])
 
 
-OUTAGES = {"outages": WITHIN, "end": LAST}
+OUTAGES = {
+    "outages": partial(silent, spans=WITHIN), "end": partial(silent, spans=LAST),
+    "poor": partial(silent, spans=WITHIN, **POOR),
+}  # fmt: skip
 
 
 def main() -> None:
@@ -139,14 +156,18 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of cases")
     options = parser.parse_args()
     level = partial(map_of_heights, level=0.0)
-    cases = {"barometer": barometer, "map": map_of_heights, "map, level": level}
+    cases = {"map": map_of_heights, "map, level": level}
     seeds = range(1, options.drives + 1)
+    if not options.only or "barometer" in options.only:
+        both = np.array([barometer(seed) for seed in seeds])
+        show("barometer", both[:, 0])
+        show("barometer, climbs", both[:, 1])
     for name, case in cases.items():
         if not options.only or name in options.only:
             show(name, np.array([case(seed) for seed in seeds]))
-    for name, spans in OUTAGES.items():
+    for name, without_fixes in OUTAGES.items():
         if not options.only or name in options.only:
-            found = np.array([silent(seed, spans) for seed in seeds])
+            found = np.array([without_fixes(seed) for seed in seeds])
             for kind, errors in zip(("all", "added"), np.moveaxis(found, 2, 0), strict=True):
                 nothing = np.full(len(errors), np.nan)
                 show(f"{name}, wheels, {kind}", np.column_stack([nothing, errors[:, :2]]))
