@@ -142,7 +142,17 @@ def _landing(place: Floats, velocity: Floats, step_s: float) -> Flight:
 
 
 def largest_after(y: Floats, time_s: Floats, step_s: float) -> Floats:
-    """Largest size of each of k signals (..., n, k) from a time (...) on: (..., k), NaN where the time is."""
-    late = np.arange(y.shape[-2]) * step_s >= time_s[..., None]
-    peak = np.where(late[..., None], np.abs(y), -np.inf).max(axis=-2)
-    return np.asarray(np.where(np.isfinite(peak), peak, np.nan))
+    """Largest size of each of k signals (..., n, k) from a time (...) on: (..., k), NaN where the time is.
+
+    The signals are linear between samples, lest what falls steeply be told for up to a step later.
+    """
+    at = time_s / step_s
+    known = at <= y.shape[-2] - 1
+    at = np.where(known, at, 0.0)
+    late = np.arange(y.shape[-2]) >= at[..., None]
+    first = np.clip(np.floor(at).astype(np.intp), 0, max(y.shape[-2] - 2, 0))[..., None]
+    last = np.minimum(first + 1, y.shape[-2] - 1)
+    before, after = (np.take_along_axis(y, i[..., None], axis=-2)[..., 0, :] for i in (first, last))
+    begin = np.abs(before + (at[..., None] - first) * (after - before))
+    peak = np.maximum(np.where(late[..., None], np.abs(y), 0.0).max(axis=-2), begin)
+    return np.asarray(np.where(known[..., None], peak, np.nan))

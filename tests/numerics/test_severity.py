@@ -100,3 +100,10 @@ def test_many_pulses_at_once_are_each_as_alone() -> None:
         np.testing.assert_allclose(together.velocity[i], alone.velocity, rtol=1e-12)
         all_asi, one_asi = (severity.asi(a, STEP, "2010") for a in (accel, accel[i]))
         np.testing.assert_allclose(all_asi[i], one_asi, rtol=1e-9)
+
+
+def test_what_follows_a_time_between_samples_begins_there() -> None:
+    falling = np.linspace(10.0, 0.0, 11)[:, None] * [1.0, -0.5]
+    found = severity.largest_after(falling, np.array(0.0325), 0.01)
+    np.testing.assert_allclose(found, [6.75, 3.375], rtol=1e-12)
+    assert np.isnan(severity.largest_after(falling, np.array(0.11), 0.01)).all()
