@@ -140,7 +140,8 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
     """One event for each time awake in which the trigger is reached. accel : (n, k) m/s^2, horizontal."""
     t_s = (t_ns - t_ns[0]) * 1e-9
     vel = cumulative(t_s, accel, "trapezoid", held=np.diff(t_s) > _GAP_S)
-    awake = _changed(t_s, vel, params.wake_up_time) > params.wake_up
+    gained = _changed(t_s, vel, params.wake_up_time)
+    awake = gained > params.wake_up
     rows = np.flatnonzero(awake)
     if not len(rows):
         return []
@@ -152,13 +153,19 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
         largest = float(change[group[0] : until].max())
         if largest < params.trigger:
             continue
-        zero = max(t_s[group[0]] - params.wake_up_time, 0.0)
-        zero_ns = int(t_ns[np.searchsorted(t_s, zero - 1e-9)])
+        zero_ns = int(t_ns[_woken(t_s, gained, int(group[0]), params)])
         start_ns = max(zero_ns, found[-1].end_ns) if found else zero_ns
         end_ns = int(t_ns[min(group[-1] + 1, len(t_ns) - 1)])
         note = f"time zero by {params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms"
         found.append(Event(start_ns, end_ns, "crash", largest / KM_H, "km/h", note))
     return found
+
+
+def _woken(t_s: Array, gained: Array, first: int, params: CrashParams) -> int:
+    """The row nearest to time zero; that of the first row awake would be half a sample late on average."""
+    rows = slice(max(first - 1, 0), first + 1)
+    crossed = float(np.interp(params.wake_up, gained[rows], t_s[rows]))
+    return int(np.abs(t_s - (crossed - params.wake_up_time)).argmin())
 
 
 def _changed(t_s: Array, vel: Array, window_s: float) -> Array:
@@ -219,6 +226,7 @@ def declare_detectors() -> Iterable[Detector]:
     yield Detector(
         name="crash",
         summary="Crashes by the change of velocity, with time zero and end as event data recorders have them.",
+        version=2,
         params=CrashParams,
         reads={"imu": IMU.need("accel")},
         writes={"events": EVENTS},
