@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -29,7 +29,7 @@ from recon import (
 from recon.knots import VELOCITY, Knots
 from recon.numerics.budget import Doubt, Pulse
 from recon.numerics.geodesy import STANDARD_GRAVITY
-from recon.numerics.rotation import conjugate, rotate, shortest_arc
+from recon.numerics.rotation import conjugate, rotate, shortest_arc, to_matrix
 from recon.numerics.saturation import clipped, hidden
 from recon.numerics.signals import median_rate
 from recon.rows import spans
@@ -183,20 +183,32 @@ class Known:
 
     def doubt(self, pulse: Pulse, zero_ns: int) -> Doubt:
         """Sigmas for a pulse with that time zero."""
-        told = {name: self._learnt_sigma(f"mount_{name}") for name in ("roll", "pitch", "yaw")}
-        tilt = [self.params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told.values()]
         noise, bias = noise_of(self.motion, zero_ns), self._constant(zero_ns)
         facts = meta(self.trajectory) if self.trajectory is not None else {}
+        axes, box = self._axes(facts)
         return Doubt(
             bias=bias,
-            scale=float(np.hypot(typical(self.params.sensor_class, "accel_scale"), LINEARITY)),
-            tilt=np.array(tilt),
+            axes=axes,
+            box=box,
             gyro_bias=typical(self.params.sensor_class, "gyro_bias") if self.trajectory is None else 0.0,
             gyro_scale=typical(self.params.sensor_class, "gyro_scale"),
             lever=np.asarray(facts.get("lever_arm_sigma", (0.0, 0.0, 0.0)), dtype=np.float64),
             time=_time_sigma(pulse, bias, noise),
             noise=noise,
         )
+
+    def _axes(self, facts: Mapping[str, Any]) -> tuple[Array, Array]:
+        """Covariance (6, 6) of scale errors and mounting, and the mounting (3, 3), as of recon.numerics.budget.Doubt.
+
+        As the drive told them, else what is usual in the class, of a box whose axes are those of the vehicle.
+        """
+        extra = np.diag([LINEARITY**2] * 3 + [0.0] * 3)
+        if "mounting_covariance" in facts:
+            return np.asarray(facts["mounting_covariance"]) + extra, to_matrix(np.asarray(facts["mounting"]))
+        told = [self._learnt_sigma(f"mount_{name}") for name in ("roll", "pitch", "yaw")]
+        tilt = [self.params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told]
+        scale = typical(self.params.sensor_class, "accel_scale")
+        return np.diag(np.square([scale] * 3 + tilt)) + extra, np.eye(3)
 
     def _constant(self, zero_ns: int) -> Array:
         """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.

@@ -37,7 +37,7 @@ from recon import (
     warning,
 )
 from recon.numerics import severity
-from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
+from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, fineness, propagate, refined
 from recon.numerics.channel_class import LEAST_RATE, channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
@@ -147,7 +147,9 @@ def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> di
     accel : (b, n, 3) m/s^2, vehicle; yaw_rate : (b, n) rad/s; pulse : has the sampling and time zero
     ahead : m, see recon.numerics.severity.head_flight
     """
-    step_s, lead, g = pulse.step_s, pulse.lead, STANDARD_GRAVITY
+    times, g = fineness(pulse.step_s), STANDARD_GRAVITY
+    step_s, lead = pulse.step_s / times, pulse.lead * times
+    accel, yaw_rate = refined(accel, times), refined(yaw_rate, times)
     after, turn = accel[:, lead:], yaw_rate[:, lead:]
     gained = _gained(after, step_s)
     size = np.hypot(gained[..., 0], gained[..., 1])
@@ -177,12 +179,14 @@ def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> di
 
 def _time_of_max(pulse: Pulse, doubt: Doubt) -> Uncertain:
     """The interval has every time whose delta-V may be the largest, for where it hardly changes errors decide."""
-    gained = _gained(pulse.accel[None, pulse.lead :], pulse.step_s)[0]
-    size, t_s = np.hypot(*gained.T), np.arange(len(gained)) * pulse.step_s
+    times = fineness(pulse.step_s)
+    gained = _gained(refined(pulse.accel[None], times)[:, pulse.lead * times :], pulse.step_s / times)[0]
+    size, t_s = np.hypot(*gained.T), np.arange(len(gained)) * pulse.step_s / times
     at = int(size.argmax())
     apart = np.abs(t_s - t_s[at])
     noise = float(doubt.noise[:2].max()) * np.sqrt(pulse.step_s * apart)
-    error = 3.6 * np.hypot(float(doubt.bias[:2].max()) * apart, noise) + doubt.scale * (size[at] - size)
+    scale = float(np.sqrt(np.diag(doubt.axes)[:3].max()))
+    error = 3.6 * np.hypot(float(doubt.bias[:2].max()) * apart, noise) + scale * (size[at] - size)
     likely = t_s[size + NORMAL_95 * error >= size[at]]
     low, high = float(likely[0]) - NORMAL_95 * doubt.time, float(likely[-1]) + NORMAL_95 * doubt.time
     sigma = (high - low) / (2.0 * NORMAL_95)
@@ -288,7 +292,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=2,
+        version=3,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -53,7 +53,7 @@ from recon.edr import (
     Rule,
 )
 from recon.numerics import severity
-from recon.numerics.budget import Pulse, Uncertain, propagate
+from recon.numerics.budget import Pulse, Uncertain, fineness, propagate, refined
 from recon.numerics.channel_class import channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
@@ -153,13 +153,15 @@ def _after(pulse: Pulse, known: Known, number: int, zero_ns: int, end_ns: int) -
 
 def _elements(accel: Array, yaw_rate: Array, *, pulse: Pulse, t_s: Array, longest_s: float) -> dict[str, Array]:
     """Delta-V of many variants of a pulse at some times, and its maxima, km/h and s: (b,) each."""
-    gained = 3.6 * severity.integral(accel[:, pulse.lead :, :2], pulse.step_s) * _SAE[:2]
-    own_s = np.arange(gained.shape[1]) * pulse.step_s
+    times = fineness(pulse.step_s)
+    step_s, after = pulse.step_s / times, refined(accel, times)[:, pulse.lead * times :, :2]
+    gained = 3.6 * severity.integral(after, step_s) * _SAE[:2]
+    own_s = np.arange(gained.shape[1]) * step_s
     found: dict[str, Array] = {}
     for axis, element in enumerate(_DELTA_V):
         at = np.stack([np.interp(t_s, own_s, one) for one in gained[..., axis]])
         found |= {f"{element.name} {i}": at[:, i] for i in range(len(t_s))}
-    within = gained[:, : round(longest_s / pulse.step_s) + 1]
+    within = gained[:, : round(longest_s / step_s) + 1]
     for name, values in (
         ("longitudinal", within[..., 0]),
         ("lateral", within[..., 1]),
@@ -167,7 +169,7 @@ def _elements(accel: Array, yaw_rate: Array, *, pulse: Pulse, t_s: Array, longes
     ):
         at_most = np.abs(values).argmax(axis=1)
         found[f"maximum_{name}"] = values[np.arange(len(values)), at_most]
-        found[f"time_{name}"] = at_most * pulse.step_s
+        found[f"time_{name}"] = at_most * step_s
     return found
 
 

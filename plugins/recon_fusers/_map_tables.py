@@ -27,6 +27,7 @@ from recon.numerics.smoothing.state import (
     GYRO_SCALE,
     LAG,
     LEVER,
+    MOUNT,
     PITCH,
     POSITION,
     REAR,
@@ -70,6 +71,7 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
         columns = {name: values[:, chosen] for name, values in columns.items()}
     placed = bool(np.isfinite(drive.fixes.pos_sigma[:2]).any())
     lat, lon, height = geodetic(columns["pos"], drive.anchor) if placed else (np.full(len(kept), np.nan),) * 3
+    known = np.r_[ACCEL_SCALE, MOUNT]
     table = build(
         TRAJECTORY,
         time=time_ns(imu)[samples.row[kept]],
@@ -78,7 +80,12 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
         height=height if observed.height else np.full(len(kept), np.nan),
         **{name: values.T for name, values in columns.items()},
     )
-    return with_meta(table, **_facts(imu, gnss, observed, placed))
+    return with_meta(
+        table,
+        **_facts(imu, gnss, observed, placed),
+        mounting=matrix_to_quat(state.rot_vs[..., None])[:, 0].tolist(),
+        mounting_covariance=found.covariance_common[np.ix_(known, known)].tolist(),
+    )
 
 
 def _facts(imu: pa.Table, gnss: pa.Table, observed: Observed, placed: bool) -> dict[str, object]:

@@ -7,6 +7,14 @@ and down by its sigma, and all numbers are computed anew; white noise is drawn s
 tenth. A maximum of a noisy signal is too large by what the noise adds on average, by which the interval of 95 % is
 moved.
 
+Scale errors belong to the axes of the box: one that is turned in the vehicle spreads them over both of its directions,
+and mistakes one for the other by half of their difference. A drive tells them together with the mounting, often their
+sum better than either, so they are moved together, along the columns of a root of their covariance:
+
+    a_found - a = (R diag(s) R^T - [t]x) a,    (s, t) ~ N(0, C)
+
+with R from box to vehicle, scale errors s and the turn t that is missing in R.
+
 References
     JCGM 100:2008 (GUM), section 5.1 and note 2 to 5.1.3 (differences in place of derivatives); JCGM 101:2008 (noise).
 """
@@ -26,6 +34,8 @@ Measures = Callable[[Floats, Floats], Mapping[str, Floats]]
 
 NORMAL_95: Final = 1.959964
 _DRAWS: Final = 48
+_FINE_S: Final = 1e-3
+_LEAST_SPLINE: Final = 4
 _PLAIN: Final = 0.5
 """Of sigma: a shift by noise beyond this is more than the chance of the draws."""
 _NOTHING_BUT_NOISE: Final = 1.0 + np.sqrt(2.0)
@@ -52,14 +62,15 @@ class Pulse:
 class Doubt:
     """Sigmas of what may be wrong with a pulse.
 
-    bias : (3,) m/s^2, vehicle, of what is constant through the impact; scale : 1, of each axis
-    tilt : (3,) rad, of the vehicle's axes about x, y, z; gyro_bias : rad/s; gyro_scale : 1
-    lever : (3,) m; time : s, of time zero; noise : (3,) m/s^2 of each sample
+    bias : (3,) m/s^2, vehicle, of what is constant through the impact
+    axes : (6, 6) covariance of the scale errors of the box's axes, 1, and of the turn of the box about the vehicle's x,
+        y, z, rad; box : (3, 3) takes the box's axes to the vehicle's
+    gyro_bias : rad/s; gyro_scale : 1; lever : (3,) m; time : s, of time zero; noise : (3,) m/s^2 of each sample
     """
 
     bias: Floats
-    scale: float
-    tilt: Floats
+    axes: Floats
+    box: Floats
     gyro_bias: float
     gyro_scale: float
     lever: Floats
@@ -135,14 +146,63 @@ def _moved(pulse: Pulse, doubt: Doubt) -> list[tuple[str, Pulse]]:
     still, up = np.zeros_like(pulse.accel), np.array([0.0, 0.0, 1.0])
     for axis in np.eye(3):
         pair("bias", still + doubt.bias * axis)
-        pair("scale", doubt.scale * pulse.accel * axis)
-        pair("alignment", np.cross(doubt.tilt * axis, pulse.accel))
         if doubt.lever.any():
             pair("lever arm", swing(pulse.gyro, doubt.lever * axis, pulse.step_s))
+    for name, matrices in axes_errors(doubt.axes, doubt.box).items():
+        for matrix in matrices:
+            pair(name, pulse.accel @ matrix.T)
     pair("gyro", still, still + doubt.gyro_bias * up)
     pair("gyro", still, doubt.gyro_scale * pulse.gyro)
-    pair("timing", doubt.time * np.gradient(pulse.accel, pulse.step_s, axis=0))
+    for sign in (1.0, -1.0):
+        early = shifted(pulse.accel, sign * doubt.time / pulse.step_s)
+        found.append(("timing", Pulse(early, pulse.gyro, pulse.step_s, pulse.lead, pulse.missing)))
     return found
+
+
+def axes_errors(covariance: Floats, box: Floats) -> dict[str, Floats]:
+    """What one sigma of each independent part does to an acceleration in vehicle axes: (3, 3, 3) to multiply it by.
+
+    `scale` are the scale errors with the turns that go along with them, `alignment` the turns that they leave open.
+
+    covariance, box : as in Doubt
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    half = vectors * np.sqrt(np.maximum(values, 0.0))
+    _, upper = np.linalg.qr(half.T)
+    root = upper.T  # as Cholesky's, which a sigma of nought has not
+    scaled = np.einsum("ij,jk,lj->kil", box, root[:3], box)
+    turned = np.cross(np.eye(3)[None], root[3:].T[:, None, :]).swapaxes(1, 2)
+    moved = scaled + turned
+    return {"scale": moved[:3], "alignment": moved[3:]}
+
+
+def fineness(step_s: float) -> int:
+    """Into how many steps one of a pulse is cut before numbers are read from it."""
+    return max(int(np.ceil(step_s / _FINE_S - 1e-6)), 1)
+
+
+def refined(y: Floats, times: int) -> Floats:
+    """Cubic splines through regular samples (b, n, ...), with each step cut: (b, times (n - 1) + 1, ...).
+
+    Trapezoids through ten samples lose a hundredth of a mean over the middle of a pulse and land between two samples;
+    what errs in a sample errs around it alike, so errors are drawn before.
+    """
+    n = y.shape[1]
+    return y if times == 1 else _spline(y, np.arange(times * (n - 1) + 1) / times, axis=1)
+
+
+def shifted(y: Floats, steps: float) -> Floats:
+    """Regular samples (n, ...) as they would be if all had been taken some part of a step later; the ends stay."""
+    return _spline(y, np.clip(np.arange(len(y)) + steps, 0.0, len(y) - 1.0), axis=0)
+
+
+def _spline(y: Floats, at: Floats, axis: int) -> Floats:
+    """Cubic spline through samples one apart, at other places."""
+    if y.shape[axis] < _LEAST_SPLINE:
+        return np.asarray(np.take(y, np.rint(at).astype(np.intp), axis))
+    from scipy.interpolate import CubicSpline  # slow import: only when used
+
+    return np.asarray(CubicSpline(np.arange(y.shape[axis]), y, axis=axis)(at))
 
 
 def swing(gyro: Floats, lever: Floats, step_s: float) -> Floats:
