@@ -22,7 +22,7 @@ from recon.fixes import Observed, about, observe
 from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
 from recon.numerics.smoothing.arrival import Arrival
-from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances
+from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances, with_stops_in_silence
 from recon.numerics.smoothing.start import continued
 from recon.numerics.smoothing.state import State
 from recon.units import duration_text
@@ -200,12 +200,13 @@ class LiveMap:
             state = knots_of(state, slice(0, max(same, 1) - 1))
         try:
             solved = smoother.solve(continued(smoother, state), held.noise, "tls")
+            found = with_stops_in_silence(with_covariances(smoother, solved))
         except np.linalg.LinAlgError:
             self.held = self.guess = None
             self.awaits = "a new start: the last minutes did not determine the way"
             return None, None
-        self.guess = (knots_ns, solved.state)
-        return with_covariances(smoother, solved), observed
+        self.guess = (knots_ns, found.solved.state)
+        return found, observed
 
     def _move_on(self, found: Estimate, observed: Observed, imu: pa.Table) -> None:
         """Let the window begin later where it is long enough, and keep what its beginning told."""
@@ -221,6 +222,7 @@ class LiveMap:
         first = slice(0, k)
         smoother = Smoother(part_of(found.smoother.drive, first), found.smoother.model, found.smoother.arrival)
         smoother.datum, smoother.moved_lag = found.smoother.datum, found.solved.moved_lag
+        smoother.believe(found.smoother.still[: len(smoother.still)])
         try:
             part = with_covariances(smoother, smoother.about(knots_of(found.solved.state, first), found.solved.noise))
         except np.linalg.LinAlgError:

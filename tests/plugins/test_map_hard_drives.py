@@ -256,16 +256,8 @@ def test_minutes_without_fixes_are_bridged(first: float, last: float, duration: 
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "duration"),
-    [
-        (600.0, 1200.0, 1800.0),
-        (0.0, 300.0, 600.0),
-        pytest.param(
-            300.0, 600.0, 600.0,
-            marks=pytest.mark.xfail(reason="a soft car that creeps only where no fixes are is taken to stand"),
-        ),
-    ],
-)  # fmt: skip
+    ("first", "last", "duration"), [(600.0, 1200.0, 1800.0), (300.0, 600.0, 600.0), (0.0, 300.0, 600.0)]
+)
 def test_sigmas_cover_what_minutes_without_fixes_cost(first: float, last: float, duration: float) -> None:
     """Three sigmas: the errors of one outage are all but one error."""
     assert np.median([one.over_sigma((first, last)) for one in bridged(first, last, duration)]) < 3.0

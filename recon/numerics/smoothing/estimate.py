@@ -69,18 +69,30 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
-    found = with_covariances(smoother, solved)
+    return with_stops_in_silence(with_covariances(smoother, solved))
+
+
+def with_stops_in_silence(found: Estimate) -> Estimate:
+    """The same drive with the stops that no fix tells: those of which the trajectory leaves no doubt, and then, if the
+    IMU may decide alone, those that it does not contradict. Raises numpy.linalg.LinAlgError.
+    """
+    smoother = found.smoother
     for _ in range(_MOST_ROUNDS):
-        standing = _standing(found)
+        standing = _standing(found, SLOW)
+        if smoother.alone and not standing.any():
+            standing = _standing(found, np.inf)
         if not standing.any():
             break
         smoother.believe(standing)
-        found = with_covariances(smoother, smoother.solve(found.solved.state, noise, "tls"))
+        found = with_covariances(smoother, smoother.solve(found.solved.state, found.solved.noise, "tls"))
     return found
 
 
-def _standing(found: Estimate) -> Mask:
-    """Quiet stretches without fixes whose speed is none for all that is known, and not that of a queue: (B,) blocks."""
+def _standing(found: Estimate, highest: float) -> Mask:
+    """Quiet stretches without fixes whose speed is none for all that is known, and less than the highest: (B,) blocks.
+
+    highest : m/s; that of a queue, unless the IMU may decide where the trajectory cannot
+    """
     smoother = found.smoother
     t_s, knots = smoother.blocks.t_s, smoother.drive.samples.knot_times
     standing = np.zeros(len(t_s), dtype=bool)
@@ -88,7 +100,7 @@ def _standing(found: Estimate) -> Mask:
         k = np.flatnonzero((knots > t_s[first]) & (knots < t_s[stop - 1]))
         speed = np.sqrt((found.solved.state.vel_n[:, k] ** 2).sum(axis=0))
         doubt = _SURE * np.sqrt(np.linalg.eigvalsh(found.covariance[k][:, VELOCITY, VELOCITY])[:, -1])
-        standing[first:stop] = len(k) > 0 and bool(((speed < doubt + _AT_REST) & (speed + doubt < SLOW)).all())
+        standing[first:stop] = len(k) > 0 and bool(((speed < doubt + _AT_REST) & (speed + doubt < highest)).all())
     return standing
 
 

@@ -8,9 +8,9 @@ slow.
 The limits come from the drive itself: twice what is usual in windows with slow fixes, and never more than what a body
 on wheels exceeds as soon as it rolls. In an outage of GNSS the IMU decides alone, but only where it has proved that it
 can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of those
-that creep steadily in a queue, as in a soft car they are. Where it has not, a quiet stretch of an outage waits for a
-trajectory that tells how fast it is there. Without any speed
-standing and moving must be told apart by more: few windows may be nearly quiet, and motion must vibrate.
+that creep steadily in a queue, as in a soft car they are. What is quiet in an outage may also wait for a trajectory
+that tells how fast it is there. Without any speed standing and moving must be told apart by more: few windows may be
+nearly quiet, and motion must vibrate.
 
 References
     Skog, Haendel, Nilsson, Rantakokko (2010), "Zero-velocity detection - an algorithm evaluation", IEEE T-BME 57(11):
@@ -154,16 +154,23 @@ def still_blocks(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> Mask:
     return find_stops(blocks, fix_t_s, fix_speed)[0]
 
 
-def find_stops(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> tuple[Mask, Limits | None]:
-    """As `still_blocks`, and the limits; None where nothing is known to stand."""
+def find_stops(
+    blocks: Blocks, fix_t_s: Floats, fix_speed: Floats, in_silence: bool = True
+) -> tuple[Mask, Limits | None]:
+    """As `still_blocks`, and the limits; None where nothing is known to stand.
+
+    in_silence : also where there are fixes and none is near, if the IMU may decide alone
+    """
     nothing = np.zeros(len(blocks.t_s), dtype=bool)
     if len(blocks.t_s) < 2 or len(blocks.t_s) * blocks.duration < FEWEST:
         return nothing, None
     windows = _windows(blocks, fix_t_s, fix_speed)
-    limits = _limits(windows) if np.isfinite(windows.speed).any() else _limits_without_speed(windows)
+    heard = bool(np.isfinite(windows.speed).any())
+    limits = _limits(windows) if heard else _limits_without_speed(windows)
     if limits is None:
         return nothing, None
-    allowed = np.where(np.isnan(windows.speed), limits.alone, windows.speed <= limits.speed)
+    alone = limits.alone and (in_silence or not heard)
+    allowed = np.where(np.isnan(windows.speed), alone, windows.speed <= limits.speed)
     still = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
     return _without_creep(still, windows.speed, limits), limits
 
