@@ -24,6 +24,8 @@ SUFFIXES: Final = frozenset(
 """Endings of images."""
 UNITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Decimals down to a nanosecond."""
+LATEST_NS: Final = 2**62
+"""Of any time, ns: the year 2116."""
 _EARLIEST_S: Final = 315_532_800
 _LATEST_S: Final = 4_102_444_800
 """1980 and 2100."""
@@ -84,7 +86,8 @@ def told_by(text: str, unit: str, zone_ns: int, *, relative: bool = False) -> To
                 return Told(t_ns, True, True, name)
     if relative and numbers == [text.strip()]:
         name = "s" if unit == "auto" else unit
-        return Told(int(Decimal(numbers[0]).scaleb(UNITS[name])), False, True, name)
+        t_ns = int(Decimal(numbers[0]).scaleb(UNITS[name]))
+        return Told(t_ns, False, True, name) if abs(t_ns) < LATEST_NS else None
     return None
 
 

@@ -32,7 +32,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import FRAMES
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, build, with_meta
-from recon_readers._frame_times import Line, Told, is_image, lines_of, told_by
+from recon_readers._frame_times import LATEST_NS, Line, Told, is_image, lines_of, told_by
 
 LISTS: Final = (".txt", ".csv")
 """Endings of lists."""
@@ -164,6 +164,7 @@ def _video(path: Path, params: FramesParams) -> _Frames:
     """The times at which the frames of a video are shown."""
     with needs("reader.frames", "av for videos", extra="video"):
         import av
+    wrong = ""
     try:
         with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
@@ -172,7 +173,10 @@ def _video(path: Path, params: FramesParams) -> _Frames:
             shown = sorted(packet.pts for packet in container.demux(video) if packet.pts is not None)
             step = video.time_base
     except av.FFmpegError as error:
-        raise ReadFailed(path, f"it is no video that can be read: {error.strerror}", hint="copy it again") from error
+        # FFmpeg takes a size that no file has for a lack of memory
+        wrong = "its sizes are damaged" if isinstance(error, MemoryError) else error.strerror or "it is damaged"
+    if wrong:
+        raise ReadFailed(path, f"it is no video that can be read: {wrong}", hint="copy it again")
     if not shown or step is None:
         raise ReadFailed(path, "its video has no frame with a time", hint="is it the right file?")
     since = [int((pts - shown[0]) * step * 1_000_000_000) for pts in shown]
@@ -192,9 +196,10 @@ def _video(path: Path, params: FramesParams) -> _Frames:
 def _stated_ns(text: str) -> int | None:
     """When a video says that it began, None where it says nothing or what is no time."""
     try:
-        return _since_1970(text, 0)
+        since = _since_1970(text, 0)
     except ValueError:
         return None
+    return since if abs(since) < LATEST_NS else None
 
 
 def _since_1970(text: str, zone_ns: int) -> int:

@@ -182,11 +182,16 @@ def test_a_video_that_does_not_say_when_it_began_is_relative(tmp_path: Path) -> 
 
 def test_facts_of_a_video_that_are_no_text_or_no_time_say_nothing(tmp_path: Path) -> None:
     path = video(tmp_path / "drive.mp4", [0, 33], creation_time="2019-11-26T10:00:00.000000Z", comment="by hand")
-    for damage in ((b"by hand", b"b\xcf hand"), (b"2019-11-26", b"2019-71-26")):
+    for damage in ((b"by hand", b"b\xcf hand"), (b"2019-11-26", b"9019-11-26"), (b"9019-11-26", b"2019-71-26")):
         assert damage[0] in path.read_bytes()
         path.write_bytes(path.read_bytes().replace(*damage))
         assert read(path, FramesParams())["frames"].num_rows == 2
     assert meta(read(path, FramesParams())["frames"])["clock"] == "relative"
+
+
+def test_a_line_of_a_time_beyond_any_clock_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "rgb.txt").write_text("0.0 a.png\n0.1 b.png\n99999999999999.0 c.png\n0.3 d.png\n")
+    assert read(tmp_path / "rgb.txt", FramesParams())["frames"].num_rows == 3
 
 
 def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
