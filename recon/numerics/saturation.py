@@ -2,7 +2,8 @@
 
 A sensor that reaches the end of its range repeats that value exactly. So does the smooth top of a peak that is
 quantised, but a parabola that stays L samples within one quantum falls by eight quanta in the next L. A plateau at the
-extreme of an axis counts as clipped where it falls by three times as much.
+extreme of an axis counts as clipped where it falls by three times as much. At the end of a range that accelerometers
+usually have (4, 8, 16, 32 g) one sample is enough: a short pulse, seldom sampled, may leave no more.
 
 What was cut off lies between the plateau and the two lines by which the flanks would go on, as long as the peak is
 concave: the tangent of a concave curve lies above it.
@@ -15,12 +16,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.signals import runs
 
 Floats = NDArray[np.float64]
 
 _FEWEST: Final = 3
 """Equal samples that make a plateau."""
+_USUAL: Final = STANDARD_GRAVITY * np.array([4.0, 8.0, 16.0, 32.0])
+"""m/s^2, ends of ranges of accelerometers."""
 _SAME: Final = 1e-6
 """Share of the extreme within which values are the same; arithmetic on equal numbers leaves them equal to rounding."""
 _NEAR: Final = 1e-3
@@ -52,7 +56,8 @@ def _plateaus(y: Floats, least: float) -> NDArray[np.bool_]:
     top = float(np.nanmax(y)) if np.isfinite(y).any() else 0.0
     if top <= least:
         return mask
-    long = [run for run in runs(np.nan_to_num(y, nan=-np.inf) >= (1.0 - _SAME) * top) if run[1] - run[0] >= _FEWEST]
+    fewest = 1 if (np.abs(top / _USUAL - 1.0) < _NEAR).any() else _FEWEST
+    long = [run for run in runs(np.nan_to_num(y, nan=-np.inf) >= (1.0 - _SAME) * top) if run[1] - run[0] >= fewest]
     if not long:
         return mask
     step = np.abs(np.diff(y))

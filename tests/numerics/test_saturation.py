@@ -49,3 +49,13 @@ def test_what_was_cut_off_a_concave_top_lies_below_what_may_be_hidden() -> None:
 def test_nothing_is_known_of_a_log_that_is_clipped_throughout() -> None:
     y = np.full(10, 80.0)
     assert (hidden(T_S[:10], y, y > 0.0) == 0.0).all()
+
+
+@pytest.mark.parametrize("range_g", [8.0, 16.0])
+def test_a_short_pulse_of_few_samples_is_clipped_where_a_range_usually_ends(range_g: float) -> None:
+    limit = range_g * 9.80665
+    y = np.random.default_rng(1).normal(0.0, 0.05, 50)
+    y[20:25] = [40.0, 1.2 * limit, 1.5 * limit, 70.0, 10.0]
+    cut = np.minimum(y, limit)
+    np.testing.assert_array_equal(np.flatnonzero(clipped(cut[:, None])[:, 0]), [21, 22])
+    assert not clipped(np.minimum(y, 1.03 * limit)[:, None]).any()
