@@ -91,6 +91,35 @@ def door_slam(t_s: Array) -> Array:
     return accel + ring[:, None] * np.array([0.5, 3.0, 1.0]) * G
 
 
+def speed_bump(t_s: Array) -> Array:
+    """At 30 km/h: thrown up by 1.5 g and down by 1 g at each axle, 0.5 g backwards while it climbs."""
+    accel = at_rest(t_s)
+    for after_s in (0.0, 0.32):
+        up, down = pulse(t_s, ZERO_S + after_s, 0.12), pulse(t_s, ZERO_S + after_s + 0.12, 0.12)
+        accel += up[:, None] * np.array([-0.3, 0.0, 0.9]) - down[:, None] * np.array([-0.1, 0.0, 0.6])
+    return accel
+
+
+def railway_crossing(t_s: Array) -> Array:
+    """Eight blows of the wheels on rails within a second, each 2 g up and 0.8 g to one side and back in 15 ms."""
+    accel = at_rest(t_s)
+    for blow in range(8):
+        start_s = ZERO_S + 0.13 * blow
+        jolt = pulse(t_s, start_s, 0.015) - 0.8 * pulse(t_s, start_s + 0.02, 0.02)
+        accel += jolt[:, None] * np.array([-0.06, 0.06 * (-1.0) ** blow, 0.15])
+    return accel
+
+
+def gravel(t_s: Array) -> Array:
+    """Three seconds of a rumble of the wheels' hop (9 to 14 Hz), 0.5 g aside and along, 1 g up."""
+    accel = at_rest(t_s)
+    x = t_s - ZERO_S
+    on = np.clip(np.minimum(x, 3.0 - x) / 0.3, 0.0, 1.0)
+    for axis, (size, tone_hz) in enumerate(((0.5, 9.0), (0.5, 11.0), (1.0, 14.0))):
+        accel[:, axis] += on * G * size * np.sin(2.0 * np.pi * tone_hz * x) * np.cos(2.0 * np.pi * 0.7 * x)
+    return accel
+
+
 def phone_drop(t_s: Array) -> Array:
     """From 0.8 m, tumbling: 0.4 s weightless, then 60 g for 12 ms across the axis that had pointed up, and a bounce."""
     accel = at_rest(t_s)

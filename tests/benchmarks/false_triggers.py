@@ -4,7 +4,8 @@
 
 Real drives are those of the folder of test logs (RECON_TEST_DATA) in which nobody crashed. Simulated ones are drives in
 town and country of a quarter of an hour, box at any angle, 100 to 400 Hz, with a shaking vehicle and, every hundred
-metres on average, a pothole, kerb, slammed door, hard braking or dropped phone, the first three of random strength.
+metres on average, a pothole, kerb, slammed door, hard braking, speed bump, railway crossing, stretch of gravel or
+dropped phone, all of random strength but braking and falls.
 Prints kilometres, triggers, and the rate per 1000 km that is not exceeded with 95 % (Poisson; without a trigger that is
 the rule of three).
 """
@@ -68,6 +69,9 @@ INSULTS: Final[Mapping[str, Callable[[Array], Array]]] = {
     "kerb": pulses.kerb,
     "door slam": pulses.door_slam,
     "hard braking": pulses.hard_braking,
+    "speed bump": pulses.speed_bump,
+    "railway crossing": pulses.railway_crossing,
+    "gravel": pulses.gravel,
     "phone drop": pulses.phone_drop,
 }
 SHAKING: Final = (0.8, 0.8, 2.0)
@@ -151,7 +155,7 @@ def _places(rng: np.random.Generator, speed: Array, t_ns: Array) -> Iterator[int
 
 def _struck(rng: np.random.Generator, accel: Array, at: int, rate: float) -> bool:
     """Add an insult at a row, in place; phones drop seldom. False where it does not fit into the log."""
-    name = str(rng.choice(list(INSULTS), p=[0.4, 0.15, 0.2, 0.2, 0.05]))
+    name = str(rng.choice(list(INSULTS), p=[0.25, 0.1, 0.15, 0.15, 0.15, 0.1, 0.07, 0.03]))
     t_s = pulses.times(rate)
     first = at - int(pulses.ZERO_S * rate)
     if first < 0 or first + len(t_s) > len(accel):

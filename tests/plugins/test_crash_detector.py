@@ -76,7 +76,17 @@ def test_7_km_h_do_not_trigger() -> None:
 
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (2.5, 0.3, -1.2)])
 @pytest.mark.parametrize(
-    "motion", [pulses.hard_braking, pulses.pothole, pulses.kerb, pulses.door_slam, pulses.phone_drop]
+    "motion",
+    [
+        pulses.hard_braking,
+        pulses.pothole,
+        pulses.kerb,
+        pulses.door_slam,
+        pulses.speed_bump,
+        pulses.railway_crossing,
+        pulses.gravel,
+        pulses.phone_drop,
+    ],
 )
 def test_what_is_no_crash_does_not_trigger(motion: Callable[[Array], Array], mount: tuple[float, float, float]) -> None:
     t_s = pulses.times()
