@@ -95,7 +95,7 @@ def inertial_jacobian(state: State, increments: Increments, gravity: GravityFiel
 
 def add_inertial(normal: Normal, tall: Floats, white: Floats) -> None:
     """Add the factors of all intervals: tall (K, 9, 31) from `inertial_jacobian`, white (K, 9, 9)."""
-    normal.add_intervals(lambda part: np.matmul(white[part], tall[part]), HERE, THERE, SCALES)
+    normal.add_intervals(lambda part: np.matmul(white[part], tall[part]), 9, HERE, THERE, SCALES)
 
 
 def _put(rows: Floats, columns: slice, matrices: Floats) -> None:

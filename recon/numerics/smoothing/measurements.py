@@ -278,7 +278,7 @@ def add_measured(
             _fill(tall[:, rows], measured, drift, inside.u[part], hermite[:, part], part)
         return tall.reshape(-1, slots * _ROWS, _COLUMNS)
 
-    normal.add_intervals(jacobian, SEEN, SEEN, COMMON)
+    normal.add_intervals(jacobian, slots * _ROWS, SEEN, SEEN, COMMON)
 
 
 def _fill(rows: Floats, measured: Measured, drift: bool, u: Floats, hermite: Floats, part: slice) -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from smoothing_drives import dense
 
-from recon.numerics.smoothing.normal import CHUNK, Normal
+from recon.numerics.smoothing.normal import ROWS_AT_ONCE, Normal
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE
 
 # Sums of some thousand products of magnitude one.
@@ -45,7 +45,7 @@ def test_factors_of_intervals_are_summed_where_both_knots_and_the_border_meet(kn
     here, there, common = slice(2, 7), slice(1, 5), slice(4, 10)
     tall = rng.normal(size=(knots - 1, 3, 5 + 4 + 6 + 1))
     normal, rows = Normal(knots), Rows(knots)
-    normal.add_intervals(lambda part: tall[part], here, there, common)
+    normal.add_intervals(lambda part: tall[part], tall.shape[1], here, there, common)
     for k, block in enumerate(tall):
         for row in block:
             rows.add(
@@ -61,12 +61,13 @@ def test_factors_of_intervals_are_summed_where_both_knots_and_the_border_meet(kn
 
 def test_intervals_of_several_chunks_are_those_of_their_parts():
     rng = np.random.default_rng(9)
-    knots = CHUNK + 4
+    intervals = ROWS_AT_ONCE // 3  # of a chunk
+    knots = intervals + 4
     tall = rng.normal(size=(knots - 1, 3, 5 + 4 + 6 + 1))
-    whole, first, last = Normal(knots), Normal(CHUNK - 1), Normal(6)
-    for normal, part in ((whole, tall), (first, tall[: CHUNK - 2]), (last, tall[CHUNK - 2 :])):
-        normal.add_intervals(lambda k, part=part: part[k], slice(2, 7), slice(1, 5), slice(4, 10))
-    joint = CHUNK - 2  # the knot that both parts share
+    whole, first, last = Normal(knots), Normal(intervals - 1), Normal(6)
+    for normal, part in ((whole, tall), (first, tall[: intervals - 2]), (last, tall[intervals - 2 :])):
+        normal.add_intervals(lambda k, part=part: part[k], 3, slice(2, 7), slice(1, 5), slice(4, 10))
+    joint = intervals - 2  # the knot that both parts share
     assert_allclose(whole.blocks[:joint], first.blocks[:joint], atol=ROUNDING)
     assert_allclose(whole.blocks[joint + 1 :], last.blocks[1:], atol=ROUNDING)
     own = slice(0, KNOT_SIZE)
