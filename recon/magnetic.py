@@ -31,17 +31,21 @@ _HIGHEST_KM: Final = 850.0
 def magnetic_field_n(lat_deg: float, lon_deg: float, height_m: float, t_ns: int) -> Array:
     """Magnetic flux density: (3,) T, local East-North-Up.
 
-    lat_deg, lon_deg : deg; height_m : m above the ellipsoid, -1 km to 850 km; t_ns : ns since 1970-01-01 UTC
+    lat_deg, lon_deg : deg; t_ns : ns since 1970-01-01 UTC
+    height_m : m above the ellipsoid; below -1 km and above 850 km the field of there
     raises : DataError where the date lies outside 2010 to 2029, or the place is none on Earth
     """
     year = decimal_year(t_ns)
     if not FIRST_YEAR <= year < END_YEAR:
+        day = np.datetime64(t_ns, "ns").astype("datetime64[D]")
         raise DataError(
-            f"the World Magnetic Model is known for {FIRST_YEAR} to {END_YEAR - 1}; the log is of {year:.1f}",
+            f"the World Magnetic Model is known for {FIRST_YEAR} to {END_YEAR - 1}; the log is of {day}",
             "is the clock of the log right? else give the declination yourself",
         )
-    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0):
-        raise DataError(f"no place on Earth: latitude {lat_deg:g} deg, longitude {lon_deg:g} deg")
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 360.0 and np.isfinite(height_m)):
+        raise DataError(
+            f"no place on Earth: latitude {lat_deg:g} deg, longitude {lon_deg:g} deg, height {height_m:g} m"
+        )
     from pygeomag import GeoMag  # slow import: only when used
 
     height_km = float(np.clip(1e-3 * height_m, -1.0, _HIGHEST_KM))

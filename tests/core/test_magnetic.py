@@ -65,10 +65,34 @@ def test_dates_outside_the_models_are_refused(year: float) -> None:
         magnetic_field_n(48.0, 11.0, 0.0, ns_of(year))
 
 
-@pytest.mark.parametrize(("lat", "lon"), [(91.0, 0.0), (float("nan"), 0.0), (0.0, 400.0)])
-def test_a_place_that_is_none_is_refused(lat: float, lon: float) -> None:
+def test_a_date_that_is_refused_is_named_to_the_day() -> None:
+    """Of a clock that says 31 December 2009 the year 2010.0 would sound right."""
+    with pytest.raises(DataError, match=r"known for 2010 to 2029; the log is of 2009-12-31$"):
+        magnetic_field_n(48.0, 11.0, 0.0, ns_of(2010.0) - 1_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "height"),
+    [(91.0, 0.0, 0.0), (float("nan"), 0.0, 0.0), (0.0, 400.0, 0.0), (0.0, 0.0, float("nan"))],
+)
+def test_a_place_that_is_none_is_refused(lat: float, lon: float, height: float) -> None:
     with pytest.raises(DataError, match="no place"):
-        magnetic_field_n(lat, lon, 0.0, ns_of(2024.0))
+        magnetic_field_n(lat, lon, height, ns_of(2024.0))
+
+
+@pytest.mark.parametrize("lat", [90.0, -90.0])
+def test_at_a_pole_the_field_turns_with_the_meridian_that_is_called_north(lat: float) -> None:
+    one, other = (magnetic_field_n(lat, lon, 0.0, ns_of(2026.5)) for lon in (0.0, 120.0))
+    assert np.linalg.norm(one[:2]) == pytest.approx(np.linalg.norm(other[:2]), rel=1e-9)
+    off = declination(other) - declination(one) - np.radians(np.sign(lat) * 120.0)
+    assert np.exp(1j * off) == pytest.approx(1.0, abs=1e-8)
+
+
+def test_high_above_it_fades_as_a_dipole_does_and_no_higher_than_the_model_reaches() -> None:
+    """A dipole by (6371 / 7221)^3 = 0.69 up to 850 km; what is of higher degree fades faster."""
+    ground, high, higher = (np.linalg.norm(magnetic_field_n(48.0, 11.0, h, ns_of(2024.0))) for h in (0.0, 850e3, 2e6))
+    assert 0.6 < high / ground < 0.72
+    assert higher == high
 
 
 def test_models_of_five_years_join() -> None:
