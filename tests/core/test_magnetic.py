@@ -67,7 +67,7 @@ def test_dates_outside_the_models_are_refused(year: float) -> None:
 
 def test_a_date_that_is_refused_is_named_to_the_day() -> None:
     """Of a clock that says 31 December 2009 the year 2010.0 would sound right."""
-    with pytest.raises(DataError, match=r"known for 2010 to 2029; the log is of 2009-12-31$"):
+    with pytest.raises(DataError, match="the log is of 2009-12-31"):
         magnetic_field_n(48.0, 11.0, 0.0, ns_of(2010.0) - 1_000_000_000)
 
 
