@@ -32,7 +32,7 @@ LEFT, TOP, RIGHT, BOTTOM = 62, 6, 948, 134
 _UNSHADED: Final = ("trip", "impact")
 """Events that last as long as the drive, or are crashes already."""
 _STEPS: Final = (1.0, 2.0, 2.5, 5.0, 10.0)
-_TURNS: Final = (15.0, 30.0, 45.0, 90.0, 180.0, 360.0)
+_TURNS: Final = (15.0, 30.0, 45.0, 90.0, 180.0, 360.0, 720.0, 1800.0, 3600.0)
 _TIMES: Final = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 14400.0)
 
 
@@ -227,12 +227,17 @@ def _level(level: float, low: float, high: float) -> str:
 
 
 def _value_axis(panel: Panel, low: float, high: float) -> Iterator[str]:
-    step = nice_step(high - low, 5, _TURNS if panel.circular and high - low > 60.0 else ())
+    step = turn_step(high - low) if panel.circular else nice_step(high - low, 5)
     for value in ticks(low, high, step):
         y = BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
         shown = value % 360.0 if panel.circular else value
         yield f'<path class="grid" d="M{LEFT} {y:.1f}H{RIGHT}"/>'
         yield f'<text class="left" x="{LEFT - 6}" y="{y + 4:.1f}">{_number(shown, step)}</text>'
+
+
+def turn_step(span: float) -> float:
+    """Degrees between the marks of an axis of headings: parts of a turn where it spans more than a little."""
+    return nice_step(span, 5, _TURNS if span > 60.0 else ())
 
 
 def _second_axis(low: float, high: float) -> Iterator[str]:

@@ -31,7 +31,7 @@ from recon.manifest import RunInfo
 from recon.parameters import Params, quantity, setting
 from recon.recording import Recording
 from recon.stages import Exporter
-from recon_exporters._chart import Span, spans_of
+from recon_exporters._chart import Span, spans_of, turn_step
 from recon_exporters._decimate import envelope, extremes, gaps, scattered
 from recon_exporters._panels import Curve, Panel, panels_of
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, style_of
@@ -116,6 +116,8 @@ def _track(tracks: Sequence[Track], placed: bool, params: PlotsParams) -> Any:
 
 
 def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, params: PlotsParams) -> Any:
+    from matplotlib.ticker import MultipleLocator
+
     figure = _figure(_PANEL_HEIGHT * len(panels) + 0.012 + (0.006 if spans else 0.0), params)
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(rows, panels, strict=True):
@@ -128,6 +130,8 @@ def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, pa
         axes.set_ylabel(f"[{panel.unit}]")
         axes.margins(x=0.0)
         if panel.circular:
+            low, high = axes.get_ylim()
+            axes.yaxis.set_major_locator(MultipleLocator(turn_step(high - low)))
             axes.yaxis.set_major_formatter(lambda value, _: f"{value % 360.0:g}")
         if panel.second:
             _second_axis(axes, *panel.second)

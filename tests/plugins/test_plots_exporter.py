@@ -16,6 +16,7 @@ from exporter_tables import drive, fixes, happened
 
 from recon.errors import NothingToExport, PluginError
 from recon.manifest import RunInfo
+from recon.numerics.rotation import from_euler
 from recon_exporters.plots import PlotsParams, declare_exporters, plots
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -55,6 +56,14 @@ def test_a_curve_of_an_svg_reads_back_as_the_rows_of_the_stream(tmp_path):
         fit = np.polyfit(drawn[:, column], wanted, 1)
         step = abs(fit[0]) * 1e-5  # units of the drawing, to 1e-6 rounded in points
         assert np.abs(np.polyval(fit, drawn[:, column]) - wanted).max() < step
+
+
+def test_headings_of_more_than_a_turn_are_marked_at_parts_of_a_turn(tmp_path):
+    """Two turns: in steps of 200 deg the marks would read 0, 200, 40, 240."""
+    turning = drive(T_S, q=from_euler(np.linspace(0.0, 4.0 * np.pi, len(T_S)), 0.0, 0.0))
+    drawn = export(tmp_path, {"trajectory": turning}, format="svg")["attitude"].read_text()
+    marks = re.findall(r">(\d+)<", drawn[: drawn.index("Heading")])
+    assert set(marks) == {"0", "180"}
 
 
 def test_the_picture_shows_the_curve(tmp_path):
