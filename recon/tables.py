@@ -239,7 +239,7 @@ def schema_of(table: pa.Table) -> Schema:
 def conform(table: pa.Table, planned: Schema, *, stream: str, step: str) -> pa.Table:
     """The table with the planned column order, types, units, frames and quantities; its own metadata is kept.
 
-    Raises ContractError where it holds what was not planned, lacks what was, or its time does not rise.
+    Raises ContractError where it holds what was not planned, lacks what was, a row has no time, or time does not rise.
     """
     here = set(table.column_names)
     unplanned = [name for name in table.column_names if name not in planned]
@@ -251,8 +251,9 @@ def conform(table: pa.Table, planned: Schema, *, stream: str, step: str) -> pa.T
     columns = [column for column in planned.columns if column.name in here]
     arrays = [_typed(table[column.name], column, stream, step) for column in columns]
     result = pa.Table.from_arrays(arrays, schema=pa.schema([_field(column) for column in columns]))
+    _check_times_known(result, stream, step)
     if stream not in APPENDED and "time" in result.column_names:
-        _check_time(result, stream, step, strictly=stream not in SEVERAL_AT_A_TIME)
+        _check_time_rises(result, stream, step, strictly=stream not in SEVERAL_AT_A_TIME)
     return _stamp(result, meta(table))
 
 
@@ -268,9 +269,13 @@ def _typed(values: pa.ChunkedArray, column: Column, stream: str, step: str) -> p
         raise ContractError(step, wrong) from error
 
 
-def _check_time(table: pa.Table, stream: str, step: str, *, strictly: bool) -> None:
-    if table["time"].null_count:
-        raise ContractError(step, f"stream '{stream}': {table['time'].null_count} rows have no time")
+def _check_times_known(table: pa.Table, stream: str, step: str) -> None:
+    for field in table.schema:
+        if field.type == TIME_TYPE and table[field.name].null_count:
+            raise ContractError(step, f"stream '{stream}': {table[field.name].null_count} rows have no {field.name}")
+
+
+def _check_time_rises(table: pa.Table, stream: str, step: str, *, strictly: bool) -> None:
     t_ns = time_ns(table)
     falls = np.flatnonzero(t_ns[1:] <= t_ns[:-1] if strictly else t_ns[1:] < t_ns[:-1])
     if len(falls):

@@ -169,7 +169,9 @@ def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int)
             size = "" if event["value"] is None else f" {event['value']:.6g} {unit_symbol(event['unit'])}".rstrip()
             lasted = duration_text(float(end[row] - begin[row]) * 1e-9)
             note = f": {event['note']}" if event["note"] else ""
-            lines.append((int(begin[row]), _INFO, "event", f"{words(event['kind'])}{size} for {lasted}{note}"))
+            lines.append(
+                (int(begin[row]), _INFO, "event", f"{words(event['kind'] or 'event')}{size} for {lasted}{note}")
+            )
     lines.sort(key=lambda line: line[0])
     t_ns = np.array([line[0] for line in lines], dtype=np.int64)
     bodies = [

@@ -109,10 +109,10 @@ def _name(text: str | None) -> str:
     return re.sub(r"([_./])", r"\1<wbr>", escape(text or ""))
 
 
-def _metric(name: str) -> str:
+def _metric(name: str | None) -> str:
     """A metric in words; its name, by which programs know it, shows under the pointer."""
     text = words(name)
-    return f'<span title="{escape(name)}">{escape(text[:1].upper() + text[1:])}</span>'
+    return f'<span title="{escape(name or "")}">{escape(text[:1].upper() + text[1:])}</span>'
 
 
 def _head(facts: Json) -> str:

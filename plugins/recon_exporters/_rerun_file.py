@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
@@ -120,6 +121,8 @@ def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns:
     """A lane for each kind and a line of text for each event; the kinds."""
     if events is None or not events.num_rows:
         return []
+    kind_index = events.column_names.index("kind")
+    events = events.set_column(kind_index, "kind", pc.fill_null(events["kind"], "event"))
     kinds = list(dict.fromkeys(events["kind"].to_pylist()))
     for kind in kinds:
         path = rr.new_entity_path(["events", kind])

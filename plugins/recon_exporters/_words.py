@@ -36,8 +36,10 @@ _AXES: Final = {"e": "east", "n": "north", "u": "up"}
 _POWERS: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
-def words(name: str) -> str:
+def words(name: str | None) -> str:
     """`gnss_pos_e` is "GNSS position east", `accel_max` "largest acceleration"; others lose their underscores."""
+    if name is None:
+        return ""
     if name in _WHOLE:
         return _WHOLE[name]
     parts = name.replace("delta_v", "delta-V").split("_")

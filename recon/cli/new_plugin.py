@@ -40,6 +40,8 @@ def new_plugin(
     _check_role(role)
     _check_name(role, name)
     target = folder or Path(f"recon-{name}")
+    if target.exists():
+        raise _refused(f"{target} is there already", "name another place with --dir")
     with staged_folder(target) as place:
         for path, text in _files(role, name).items():
             file = place / path

@@ -131,7 +131,7 @@ def test_a_folder_that_is_there_is_left_as_it_is(tmp_path: Path, monkeypatch: py
     assert main(["new-plugin", "filter", "mine"]) == 0
     (tmp_path / "recon-mine" / "recon_mine.py").write_text("edited", encoding="utf-8")
     assert main(["new-plugin", "filter", "mine"]) == 2
-    assert "recon-mine is there already" in capsys.readouterr().err
+    assert capsys.readouterr().err == "error: recon-mine is there already; name another place with --dir\n"
     assert (tmp_path / "recon-mine" / "recon_mine.py").read_text(encoding="utf-8") == "edited"
     assert [path.name for path in tmp_path.iterdir()] == ["recon-mine"]
 

@@ -6,7 +6,8 @@ import pytest
 from helpers import START_NS, clock, gnss_table, imu_table
 
 from recon.errors import ContractError, DataError
-from recon.schema import GNSS, IMU, TIME_TYPE, TRAJECTORY, Change, Column, Schema
+from recon.rows import Event, events
+from recon.schema import EVENTS, GNSS, IMU, TIME_TYPE, TRAJECTORY, Change, Column, Schema
 from recon.tables import (
     append,
     build,
@@ -200,6 +201,15 @@ def test_conform_refuses_a_row_without_time():
     table = build(GNSS, time=pa.array([1, None], TIME_TYPE), speed=np.zeros(2))
     with pytest.raises(ContractError, match="1 rows have no time"):
         conformed(table, GNSS.only("speed"), "gnss")
+
+
+@pytest.mark.parametrize("column", ["time", "end_time"])
+def test_conform_refuses_an_event_without_its_times(column):
+    table = events([Event(1, 2, "stop"), Event(3, 4, "stop")])
+    without = pa.array([1, None], TIME_TYPE)
+    table = table.set_column(table.column_names.index(column), column, without)
+    with pytest.raises(ContractError, match=f"stream 'events': 1 rows have no {column}"):
+        conformed(table, EVENTS, "events")
 
 
 @pytest.mark.parametrize("speed", [["fast", "slow"], ["1.5", "2.5"], [[1.0], [2.0]]])

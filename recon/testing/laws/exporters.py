@@ -15,12 +15,12 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from recon.errors import ContractError, DataError, NothingToExport, ReconError
+from recon.errors import ContractError, DataError, NothingToExport, ReconError, StageError
 from recon.schema import APPENDED
 from recon.stages import Exporter
 from recon.tables import select_rows, time_ns, vector
 from recon.testing.contract import law
-from recon.testing.distortions import emptied, variations, without_values
+from recon.testing.distortions import emptied, variations, without_texts, without_values
 from recon.testing.subject import Subject
 
 ROUNDING: Final = 1e-9
@@ -107,14 +107,14 @@ def a_drive_with_nothing_to_show_is_told_from_an_error(subject: Subject) -> None
     """Without rows or values an exporter writes what there is, or raises NothingToExport: any other error costs a
     fleet the whole drive.
     """
-    for what, distort in (("a row", emptied), ("a value", without_values)):
+    for what, distort in (("a row", emptied), ("a value", without_values), ("a text", without_texts)):
         for streams, inputs in variations(subject.inputs(), distort):
             with TemporaryDirectory() as folder:
                 try:
                     subject.export(Path(folder), inputs)
                 except NothingToExport:
                     continue
-                except DataError as error:
+                except (DataError, StageError) as error:
                     text = f"{streams} without {what} raised {type(error).__name__}: {error.message}"
                     raise AssertionError(f"{text}; what shows nothing must be a NothingToExport") from error
 
