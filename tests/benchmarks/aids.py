@@ -4,7 +4,8 @@
 
     barometer   country roads, 15 minutes, GNSS tells no vertical velocity; windows and tunnels move the pressure six
                 times an hour; RMS error of the height, and the same but for its mean (barometer, climbs): the mean is
-                that of GNSS, of which no barometer knows
+                that of GNSS, of which no barometer knows; and that of what is not told to roll on wheels, whose
+                pitch tells climbs (no wheels)
     map         the same, the heights of a map wrong by 1 m each (white), and by 12 m on a bridge of 20 s; the level of
                 the map is that of GNSS, or is known (map, level)
     outages     town and country, an outage of 60 s each five minutes: the speed of the wheels, and beside it the angle
@@ -40,9 +41,11 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.square(values))))
 
 
-def fused(drive: dict[str, pa.Table], level: float | None = None, **aids: pa.Table | None) -> pa.Table:
+def fused(
+    drive: dict[str, pa.Table], level: float | None = None, wheels: bool = True, **aids: pa.Table | None
+) -> pa.Table:
     """The trajectory."""
-    params = MapParams(ground_level=level)
+    params = MapParams(ground_level=level, wheels=wheels)
     given = {"wheel": None, "baro": None, "ground": None, **aids}
     found = fuse_map(imu=drive["imu"], gnss=drive["gnss"], attitude=None, events=None, params=params, **given)
     return found["trajectory"]
@@ -63,15 +66,19 @@ def hills(seed: int) -> dict[str, pa.Table]:
     )  # fmt: skip
 
 
-def barometer(seed: int) -> tuple[Row, Row]:
-    """Heights with a barometer, and how they change."""
+def barometer(seed: int) -> np.ndarray:
+    """Heights with a barometer, how they change, and heights of what is not told to roll on wheels: (3, 3) m."""
     drive = hills(seed)
-    reference = drive["reference"]
-    errors = [height_error(fused(drive, baro=baro), reference) for baro in (None, drive["baro"])]
-    whole, climbs = (
-        [each(error) for error in (height_error(drive["gnss"], reference), *errors)] for each in (rms, spread)
+    gnss, rolls, loose = (
+        [height_error(table, drive["reference"]) for table in tables]
+        for tables in (
+            [drive["gnss"]],
+            [fused(drive, baro=baro) for baro in (None, drive["baro"])],
+            [fused(drive, wheels=False, baro=baro) for baro in (None, drive["baro"])],
+        )
     )
-    return (whole[0], whole[1], whole[2]), (climbs[0], climbs[1], climbs[2])
+    rows = ((rms, rolls), (spread, rolls), (rms, loose))
+    return np.array([[each(error) for error in gnss + errors] for each, errors in rows])
 
 
 def spread(values: np.ndarray) -> float:
@@ -160,8 +167,8 @@ def main() -> None:
     seeds = range(1, options.drives + 1)
     if not options.only or "barometer" in options.only:
         both = np.array([barometer(seed) for seed in seeds])
-        show("barometer", both[:, 0])
-        show("barometer, climbs", both[:, 1])
+        for index, name in enumerate(("barometer", "barometer, climbs", "barometer, no wheels")):
+            show(name, both[:, index])
     for name, case in cases.items():
         if not options.only or name in options.only:
             show(name, np.array([case(seed) for seed in seeds]))
