@@ -15,8 +15,9 @@ from recon.comparison import compare
 from recon.numerics.evaluation import Statistics
 from recon.numerics.signals import interpolate
 from recon.rows import warnings_of
+from recon.schema import IMU
 from recon.storage import write_recording
-from recon.tables import matrix, meta, time_ns, vector
+from recon.tables import build, matrix, meta, time_ns, vector, with_meta
 
 SEEDS = {"plain": 20, "nine_axes": 8}
 """Of the 40 and more that the benchmark takes."""
@@ -111,6 +112,23 @@ def test_a_motorbike_is_no_faster_than_its_receiver_says(logs: Path) -> None:
     assert np.sqrt(np.nanmean(apart**2)) < 1.0
     assert np.nanmax(np.abs(apart)) < 4.0
     assert speed.max() < vector(gnss, "speed").max() + 2.0
+
+
+def test_stops_are_found_where_accelerometer_and_gyroscope_have_times_of_their_own() -> None:
+    """As phones write them: each sample of the gyroscope 3 ms after one of the accelerometer, in rows of its own."""
+    recording = drive(1).recording
+    imu = recording["imu"]
+    t_ns, accel, gyro = time_ns(imu), matrix(imu, "accel"), matrix(imu, "gyro")
+    rows, nothing = np.argsort(np.r_[t_ns, t_ns + 3_000_000]), np.full_like(accel, np.nan)
+    apart = build(
+        IMU,
+        time=np.r_[t_ns, t_ns + 3_000_000][rows],
+        accel=np.vstack([accel, nothing])[rows],
+        gyro=np.vstack([nothing, gyro])[rows],
+    )
+    given = {name: table for name, table in recording.items() if name in ("gnss", "mag")}
+    ran = recon.run("smartphone", recon.Recording({**given, "imu": with_meta(apart, **meta(imu))}))
+    assert "standstill" in ran.recording["events"]["kind"].to_pylist()
 
 
 def test_distances_are_measured_between_images_beside_the_log(tmp_path: Path) -> None:
