@@ -84,7 +84,8 @@ def with_stops_in_silence(found: Estimate) -> Estimate:
         if not standing.any():
             break
         smoother.believe(standing)
-        found = with_covariances(smoother, smoother.solve(found.solved.state, found.solved.noise, "tls"))
+        again = smoother.solve(found.solved.state, found.solved.noise, "tls", resumed=True)
+        found = with_covariances(smoother, again)
     return found
 
 

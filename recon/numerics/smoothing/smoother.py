@@ -67,6 +67,8 @@ from recon.numerics.smoothing.stops import (
 )
 
 MOST_STEPS: Final = 30
+_FEWEST_STEPS: Final = 4
+"""From a start in closed form: outliers are told apart while it converges."""
 _SETTLING: Final = 6
 """Steps after which an epoch that moves keeps the constraint of the wheels: one near walking pace may otherwise lose it
 and win it back from step to step for ever.
@@ -166,14 +168,18 @@ class Smoother:
             wheel_speed=speed,
         )
 
-    def solve(self, state: State, noise: Noise, loss: Loss) -> Solved:
-        """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution."""
+    def solve(self, state: State, noise: Noise, loss: Loss, resumed: bool = False) -> Solved:
+        """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution.
+
+        resumed : the state is that of an earlier solution, whose residuals tell outliers from the first step on
+        """
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
         made = self._integrated(state, noise)
-        sharpness: Sharpness | None = None
+        sharpness: Sharpness | None = SHARPEST if resumed else None
+        begun = _FEWEST_STEPS if resumed else 1
         damping, done = 0.0, False
         self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
-        for count in range(1, MOST_STEPS + 1):
+        for count in range(begun, MOST_STEPS + 1):
             state, made = self._kept_fresh(state, noise, made, landed=count != 2)
             here = self._linearise(state, noise, gravity, made, loss, sharpness, count)
             sharpness = here.sharpness
@@ -187,11 +193,11 @@ class Smoother:
             damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
             state = state.moved(solution.step.T, solution.step_global)
             sharp = loss == "cauchy" or (sharpness is not None and min(sharpness) > _SHARP)
-            settled = count >= 4 and sharp and damping == 0.0 and not _stale(state, made.increments)
+            settled = count >= _FEWEST_STEPS and sharp and damping == 0.0 and not _stale(state, made.increments)
             done = settled and _small(solution, loss)
             if done:
                 break
-        return self._solved(state, noise, gravity, made, here, system, solution, count, done)
+        return self._solved(state, noise, gravity, made, here, system, solution, count - begun + 1, done)
 
     def about(self, state: State, noise: Noise) -> Solved:
         """One linear step about a state that is known so well that what it leaves far off is an outlier.
