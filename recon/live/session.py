@@ -102,7 +102,9 @@ class Session:
         self.steps, self.registry = steps, registry
         self.result = GrowingResult(out)
         self._state = out.with_suffix(".state")
-        kept = _Kept.read(self._state, source)
+        stage = steps.fuser.stage
+        self._made_by = f"{stage.name} {stage.version}"
+        kept = _Kept.read(self._state, source, self._made_by)
         self.source: ByteSource = open_source(source, kept.offset if kept else 0)
         self._pieces, self._file = Pieces(_OVERLAP), Path(source) if isinstance(self.source, GrowingFile) else None
         if kept is not None and self._file is not None:
@@ -236,7 +238,7 @@ class Session:
             return
         if saved := self.live.saved():
             self._begins, self._kept_ns = self._begins[len(usable) - 1 :], since_ns
-            _Kept(str(self._file), usable[-1], saved).write(self._state)
+            _Kept(str(self._file), self._made_by, usable[-1], saved).write(self._state)
 
 
 def _live(steps: Following, lag: float, saved: bytes | None) -> Live:
@@ -260,24 +262,26 @@ def _in_steps(streams: Streams) -> Iterator[Streams]:
 
 @dataclass(frozen=True)
 class _Kept:
-    """source : its name; offset : byte from which it is needed again; saved : of the fuser."""
+    """source : its name; fuser : name and version; offset : byte from which the source is needed again."""
 
     source: str
+    fuser: str
     offset: int
     saved: bytes
 
     def write(self, path: Path) -> None:
         """Replace the file as a whole."""
-        head = json.dumps({"source": self.source, "offset": self.offset}).encode()
+        head = json.dumps({"source": self.source, "fuser": self.fuser, "offset": self.offset}).encode()
         with staged_file(path) as scratch:
             scratch.write_bytes(head + b"\n" + self.saved)
 
     @classmethod
-    def read(cls, path: Path, source: str) -> _Kept | None:
-        """None where there is none, or that of another source."""
+    def read(cls, path: Path, source: str, fuser: str) -> _Kept | None:
+        """None where there is none, or that of another source or of a fuser that counts otherwise."""
         try:
             head, _, saved = path.read_bytes().partition(b"\n")
             facts = json.loads(head)
-            return cls(source, int(facts["offset"]), saved) if facts["source"] == source else None
+            kept = cls(facts["source"], facts["fuser"], int(facts["offset"]), saved)
+            return kept if (kept.source, kept.fuser) == (source, fuser) else None
         except (OSError, ValueError, KeyError, TypeError):
             return None

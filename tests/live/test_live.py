@@ -118,6 +118,19 @@ def test_a_run_that_is_killed_loses_nothing_that_was_written_and_goes_on(lines, 
     assert found["trajectory"].slice(0, kept.num_rows).equals(kept)
 
 
+def test_what_another_version_of_the_fuser_left_to_go_on_from_is_not_used(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:101]) + "\n")
+    left = json.dumps({"source": str(log), "fuser": "map 0", "offset": 3000})
+    (tmp_path / "drive.state").write_bytes(left.encode() + b"\nof another shape")
+    registry = Registry.installed()
+    session = Session(following(Pipeline.from_file("best_accuracy"), registry), str(log), out, 10.0, registry)
+    assert not session.resumed
+    list(session.new(last=True))
+    session.close()
+    assert recon.read(out)["imu"].num_rows == 100
+
+
 def test_fixes_that_a_log_repeats_on_every_row_are_taken_once_however_the_rows_come(lines, tmp_path):
     log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
     log.write_text("\n".join(lines[:11]) + "\n")
