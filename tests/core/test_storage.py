@@ -17,7 +17,7 @@ import pytest
 from recon.errors import ConfigError, ReadFailed, StorageError
 from recon.recording import Recording
 from recon.rows import Event, Metric, events, metrics
-from recon.schema import BARO, FRAMES, GNSS, IMU, KNOTS, by_step
+from recon.schema import BARO, FRAMES, GNSS, IMU, KNOTS, TIME_TYPE, by_step
 from recon.storage import STORES, mcap, read_recording, store_of, write_recording
 from recon.storage.atomic import MANIFEST, MARK, refuse_existing, staged_file, staged_folder
 from recon.tables import build, with_meta
@@ -498,11 +498,20 @@ def test_a_folder_that_may_not_be_written_gives_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("store", STORES)
-def test_rows_with_their_step_and_without_times_are_kept(tmp_path: Path, store: str) -> None:
+def test_rows_with_their_step_and_nothing_but_times_are_kept(tmp_path: Path, store: str) -> None:
     nothing = {column.name: pa.nulls(2, column.type) for column in by_step("events").columns}
-    table = with_meta(build(by_step("events"), **nothing))
+    times = dict.fromkeys(("time", "end_time"), pa.array([1, 2], TIME_TYPE))
+    table = with_meta(build(by_step("events"), **{**nothing, **times}))
     write_recording(Recording({"events": table}), tmp_path, store)
     assert read_recording(tmp_path)["events"].equals(table, check_metadata=True)
+
+
+@pytest.mark.parametrize("store", STORES)
+def test_events_without_times_are_refused_as_damage_of_the_file(tmp_path: Path, store: str) -> None:
+    nothing = {column.name: pa.nulls(2, column.type) for column in by_step("events").columns}
+    write_recording(Recording({"events": with_meta(build(by_step("events"), **nothing))}), tmp_path, store)
+    with pytest.raises(ReadFailed, match="stream 'events': 2 rows have no time"):
+        read_recording(tmp_path)
 
 
 @pytest.mark.parametrize("store", STORES)

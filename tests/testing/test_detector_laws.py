@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from broken_laws import broken
 
-from recon import EVENTS, IMU, Detector, Event, build, events, matrix, time_ns
+from recon import EVENTS, IMU, Detector, Event, events, matrix, time_ns
 from recon.testing.laws import detectors
 
 SECOND = 1_000_000_000
@@ -71,10 +71,3 @@ def test_two_events_at_once_break_the_law_of_overlaps():
     assert broken(detectors, detector_of(spans((1.0, 9.0), (2.0, 3.0), (4.0, 5.0)))) == {
         "events_of_one_kind_do_not_overlap": "2 events of kind 'stop' begin before the one above them ends"
     }
-
-
-def test_an_event_without_an_end_is_no_event():
-    def endless(t, accel):
-        return build(EVENTS, time=t[:1], kind=["stop"])
-
-    assert {*broken(detectors, detector_of(endless)).values()} == {"an event has no time or no end_time"}

@@ -69,9 +69,7 @@ def _findings(subject: Subject) -> Iterator[tuple[dict[str, pa.Table], pa.Table]
     for inputs in (calm, {name: _violent(subject, name, table) for name, table in calm.items()}):
         returned = subject.run(inputs)
         assert "events" in returned, "a detector must return 'events', an empty table where it finds nothing"
-        found = returned["events"]
-        assert not found["time"].null_count + found["end_time"].null_count, "an event has no time or no end_time"
-        yield inputs, found
+        yield inputs, returned["events"]
 
 
 def _violent(subject: Subject, name: str, table: pa.Table) -> pa.Table:
