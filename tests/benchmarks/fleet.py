@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -44,15 +45,15 @@ BATCH: Final = """\
 recon: 1
 batch: benchmark
 pipeline: {pipeline}
-inputs: [{{glob: 'logs/*/*'}}]
+inputs: [{{glob: '{logs}/*/*'}}]
 output: {output}
 executor: {{use: executor.local, params: {{workers: {workers}}}}}
 """
 TINY: Final = "recon: 1\nname: tiny\nsteps:\n  - use: reader.parquet\n"
 DIFFERENT: Final = 4
 """Simulated drives of each length; more would take longer than what is measured."""
-EACH: Final = 12
-"""Drives for each core, where scaling is measured."""
+BATCHES: Final = {"few": 4, "many": 28}
+"""Drives for each core in the two batches by whose difference times are measured."""
 VEHICLES: Final = 100
 PEAK: Final = """
 import json, sys
@@ -62,9 +63,9 @@ print(fleet.peak_mb(sys.argv[2]))
 """
 
 
-def batch_file(folder: Path, pipeline: str, output: str, workers: int = 1) -> Path:
+def batch_file(folder: Path, pipeline: str, output: str, workers: int = 1, logs: str = "logs") -> Path:
     file = folder / f"{output}.yaml"
-    file.write_text(BATCH.format(pipeline=pipeline, output=output, workers=workers), encoding="utf-8")
+    file.write_text(BATCH.format(pipeline=pipeline, output=output, workers=workers, logs=logs), encoding="utf-8")
     return file
 
 
@@ -131,62 +132,82 @@ def core_count() -> int:
 def scaling(folder: Path) -> None:
     """Beside it what the machine allows: as many batches of one worker at once that know nothing of each other.
 
-    Workers are begun inside the time that counts, so drives are long enough for that not to matter. Where a drive takes
-    more processor time on all cores than on one, it waits for memory or cache that they share.
+    Times are those of a drive in a batch that goes on, without the start of the workers and the last drives, at which
+    some of them have nothing left to do. Where a drive takes more processor time on all cores than on one, it waits for
+    memory or cache that they share.
     """
     scaling_of_computing()
-    cores = core_count()
     for pipeline, seconds in (("best_accuracy", 600.0), ("smartphone", 3600.0), ("thesis", 3600.0)):
-        place = folder / pipeline
-        parts = [place / f"part{number}" for number in range(cores)]
-        for part in parts:
-            write_drives(part, seconds, EACH)
-            shutil.copytree(part / "logs/A", place / "logs" / part.name)
-        times = [spent()]
-        alone = timed(batch_file(place, pipeline, "alone"))
-        times.append(spent())
-        spread = timed(batch_file(place, pipeline, "spread", cores))
-        times.append(spent())
-        with ThreadPoolExecutor(cores) as threads:
-            started = time.perf_counter()
-            list(threads.map(lambda part: timed(batch_file(part, pipeline, "apart")), parts))  # noqa: B023 - used here
-            apart = time.perf_counter() - started
-        one, many = np.diff(times) / (EACH * cores)
-        print(
-            f"{pipeline}, {EACH * cores} drives of {seconds / 60:.0f} min: one worker {alone:.1f} s, {cores} workers "
-            f"{spread:.1f} s, {alone / spread / cores:.2f} W (goal 0.85 W); the machine allows {cores} batches of one "
-            f"worker {alone / apart / cores:.2f} W; processor time of a drive {one:.2f} s and {many:.2f} s",
-            flush=True,
-        )
-        shutil.rmtree(place)
+        scaling_of(pipeline, seconds, folder / pipeline)
+        shutil.rmtree(folder / pipeline)
+
+
+def scaling_of(pipeline: str, seconds: float, folder: Path) -> None:
+    cores, drives = core_count(), simulated(folder / "made", seconds)
+    whole, parts = folder / "whole", [folder / f"part{number}" for number in range(cores)]
+    link_batches(drives, whole, cores)
+    for part in parts:
+        link_batches(drives, part)
+    alone, spread = steady(whole, pipeline, cores), steady(whole, pipeline, cores, workers=cores)
+    with ThreadPoolExecutor(cores) as threads:
+        apart = list(threads.map(lambda part: steady(part, pipeline), parts))
+    allowed = sum(alone.took / each.took for each in apart) / cores
+    print(
+        f"{pipeline}, drives of {seconds / 60:.0f} min: one each {alone.took:.3f} s with one worker, {spread.took:.3f} "
+        f"s with {cores}: {alone.took / spread.took / cores:.2f} W (goal 0.85 W); the machine allows {cores} batches "
+        f"of one worker {allowed:.2f} W; processor time of a drive {alone.worked:.2f} s and {spread.worked:.2f} s; "
+        f"starting takes {alone.begun:.1f} s and {spread.begun:.1f} s",
+        flush=True,
+    )
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A drive in a batch that goes on. took, worked : s of the clock and of processors; begun : s, until it goes on."""
+
+    took: float
+    worked: float
+    begun: float
+
+
+def steady(place: Path, pipeline: str, times: int = 1, workers: int = 1) -> Steady:
+    """Two batches of different length: their difference is without the start of the workers and without their end."""
+    marks = []
+    for batch in BATCHES:
+        worked = spent()
+        took = timed(batch_file(place, pipeline, f"{batch}-{workers}", workers, batch))
+        marks.append((took, spent() - worked))
+    few, many = (times * count for count in BATCHES.values())
+    took, worked = (np.array(marks[1]) - marks[0]) / (many - few)
+    return Steady(took, worked, marks[0][0] - few * took)
 
 
 def rate(folder: Path) -> None:
-    """Two batches of different length: their difference is without the start of the worker."""
-    for seconds, few, many in ((600.0, 4, 28), (3600.0, 2, 10)):
-        took = {}
-        for count in (few, many):
-            place = folder / f"{seconds:.0f}-{count}"
-            write_drives(place, seconds, count)
-            took[count] = timed(batch_file(place, "best_accuracy", "results"))
-        each = (took[many] - took[few]) / (many - few)
+    for seconds in (600.0, 3600.0):
+        place = folder / f"{seconds:.0f}"
+        link_batches(simulated(place / "made", seconds), place)
+        drive = steady(place, "best_accuracy")
         print(
-            f"best_accuracy: {seconds / each:.0f} drive-hours per core-hour, drives of {seconds / 60.0:.0f} min on one "
-            f"worker (goal 1500); its start takes {took[few] - few * each:.1f} s"
+            f"best_accuracy: {seconds / drive.took:.0f} drive-hours per core-hour, drives of {seconds / 60.0:.0f} min "
+            f"on one worker (goal 1500); its start takes {drive.begun:.1f} s"
         )
 
 
-def write_drives(folder: Path, seconds: float, count: int) -> None:
-    """Drives as they are logged, IMU at 100 Hz and GNSS without the truth: a few that differ, and copies of them."""
-    for number in range(count):
-        place = folder / "logs/A" / f"d{number}"
-        if number >= DIFFERENT:
-            shutil.copytree(folder / "logs/A" / f"d{number % DIFFERENT}", place)
-            continue
+def simulated(folder: Path, seconds: float) -> list[Path]:
+    """A few drives as they are logged, IMU at 100 Hz and GNSS without the truth."""
+    for number in range(DIFFERENT):
         parameters = {"simulator.drive.duration": f"{seconds} s", "simulator.drive.seed": number}
         made = recon.run("simulated_drive", **parameters).recording
-        place.mkdir(parents=True)
-        write_recording(Recording({name: made[name] for name in ("imu", "gnss")}), place)
+        write_recording(Recording({name: made[name] for name in ("imu", "gnss")}), folder / f"d{number}")
+    return sorted(folder.iterdir())
+
+
+def link_batches(drives: list[Path], folder: Path, times: int = 1) -> None:
+    """Folders of BATCHES, so many drives of one vehicle in each, times `times`: links to those there are."""
+    for batch, count in BATCHES.items():
+        for number in range(times * count):
+            source = drives[number % len(drives)]
+            shutil.copytree(source, folder / batch / "A" / f"d{number}", copy_function=os.link)
 
 
 def write_files(folder: Path, count: int) -> None:
