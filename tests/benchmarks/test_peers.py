@@ -87,10 +87,10 @@ def solver(name: str) -> Solve:
     pytest.importorskip("gtsam", reason="the peer gtsam_batch needs GTSAM: pip install recon-dynamics[bench]")
     from benchmarks.peers import gtsam_batch
 
-    return gtsam_batch.solve
+    return gtsam_batch.solve if name == "gtsam_batch" else gtsam_batch.solve_scatter
 
 
-PEERS = pytest.mark.parametrize("name", ["ekf_rts", "gtsam_batch"])
+PEERS = pytest.mark.parametrize("name", ["ekf_rts", "gtsam_batch", "gtsam_scatter"])
 
 
 @PEERS

@@ -34,13 +34,14 @@ def peers() -> Mapping[str, Solve]:
         from peers import gtsam_batch
 
         found["gtsam_batch"] = gtsam_batch.solve
+        found["gtsam_scatter"] = gtsam_batch.solve_scatter
     return found
 
 
 def rival_jobs(size: Size) -> dict[str, tuple[Job, ...]]:
     """Drives on which all are compared, by kind."""
     return {
-        f"{sensors}, {motion}, 10 min": size.jobs(10, TEN_MINUTES, kind(sensors, motion)) for sensors, motion in _KINDS
+        f"{sensors}, {motion}, 10 min": size.jobs(20, TEN_MINUTES, kind(sensors, motion)) for sensors, motion in _KINDS
     }
 
 

@@ -2,6 +2,8 @@
 
 The filter runs at 10 Hz and at every fix. Once a second the car either stands, by the IMU's own scatter, or its rear
 axle moves along x. Everything measured is tested against its predicted covariance and left out where it does not fit.
+Where fixes do not fit for so long that the filter must be wrong, as after a start amid multipath, all is as uncertain
+as at first, and besides by what the fix is off.
 The states and measurements are those of ekf_model.
 
 References
@@ -26,6 +28,9 @@ from .steps import with_none_longer
 STEP_S: Final = 0.1
 _GATE: Final = 16.0
 """Squared Mahalanobis distance: one good measurement of three components in 900 is beyond, of two in 3000."""
+_LOST: Final = 20
+"""Fixes in a row beyond the gate; a burst of multipath lasts up to 18."""
+_LOST_TURN: Final = float(np.radians(10.0))
 _MOVING: Final = 1.0
 """m/s, above which the wheels tell the direction."""
 
@@ -61,15 +66,18 @@ def solve(drive: Drive) -> Estimate:
     blocks = blocks_between(drive, edge_s, begin.gyro_bias)
     model = Model(drive, begin.gyro_bias)
     still = begin.still[np.searchsorted(drive.t_s, edge_s)]
-    track = _filtered(model, blocks, *first_state(drive, begin), still)
+    state, cov = first_state(drive, begin)
+    track = _filtered(model, blocks, state, cov, still)
     return _smoothed(edge_s, track)
 
 
-def _filtered(model: Model, blocks: Blocks, state: State, cov: Floats, still: Flags) -> _Track:
+def _filtered(model: Model, blocks: Blocks, state: State, first_cov: Floats, still: Flags) -> _Track:
+    cov = first_cov
     edges = len(blocks.edge_s)
     track = _Track.of(edges)
     fixes = dict(zip(np.searchsorted(blocks.edge_s, model.drive.fix_t_s).tolist(), range(edges), strict=False))
     constrain = np.diff(np.floor(blocks.edge_s), prepend=-np.inf) > 0.0
+    refused = 0
     for i in range(edges):
         if i > 0:
             state, transition, added = model.moved(
@@ -77,13 +85,26 @@ def _filtered(model: Model, blocks: Blocks, state: State, cov: Floats, still: Fl
             )
             cov = transition @ cov @ transition.T + np.diag(added)
             track.transition[i - 1] = transition
+        if refused >= _LOST and i in fixes:
+            cov = cov + first_cov + _misfit(model, state, fixes[i], blocks.edge_rate_s[i])
         track.predicted_rot[i], track.predicted_x[i], track.predicted_cov[i] = state.rot_ns, state.x, cov
         if i in fixes:
+            before = state
             state, cov = _with_fix(model, state, cov, fixes[i], blocks.edge_rate_s[i])
+            refused = refused + 1 if state is before else 0
         if constrain[i]:
             state, cov = _with_constraint(model, state, cov, bool(still[i]), blocks.edge_rate_s[i])
         track.rot[i], track.x[i], track.cov[i] = state.rot_ns, state.x, cov
     return track
+
+
+def _misfit(model: Model, state: State, fix: int, rate_s: Floats) -> Floats:
+    """What a filter that is lost may be off by, (21, 21): the way to this fix, and a turn that nobody knows."""
+    sigma = np.zeros(SIZE)
+    sigma[ROTATION] = _LOST_TURN
+    sigma[VELOCITY] = model.velocity(state, rate_s, model.drive.fix_vel_n[fix])[0]
+    sigma[POSITION] = model.position(state, model.drive.fix_pos_n[fix])[0]
+    return np.diag(sigma**2)
 
 
 def _with_fix(model: Model, state: State, cov: Floats, fix: int, rate_s: Floats) -> tuple[State, Floats]:
