@@ -45,14 +45,15 @@ _NAMES: Final = (
     "drift_h", "drift_v", "tau", "position_h", "position_v", "velocity_h", "velocity_v", "gyro", "accel",
     "gyro_walk", "accel_walk",
 )  # fmt: skip
-_PRIOR: Final = np.array([0.35, 0.35, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0, 0.5, 0.5])
-"""Sigma of the logarithms. Ten minutes hardly tell the size of an error that changes in two."""
+_PRIOR: Final = np.array([0.7, 0.7, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0, 0.5, 0.5])
+"""Sigma of the logarithms. Ten minutes hardly tell how long an error lasts that changes in two."""
 _RAISED: Final = np.array([0.0] * 9 + [1.0] * 2)
 """Slope of the log-prior by the logarithm. What tells a walk is so little that its likeliest size is well below that
 which is right on average; this avoids the boundary at zero (Chung et al. 2013).
 """
-_REACH: Final = 2.5
-"""Bound of the logarithms."""
+_LOW: Final = -np.array([7.0, 7.0, 2.5, 7.0, 7.0, 7.0, 7.0, 2.5, 2.5, 2.5, 2.5])
+_HIGH: Final = 2.5
+"""Bounds of the logarithms: a receiver that was taken for one of metres may be one of centimetres."""
 _STILL_FACTOR: Final = 1.5
 """The moving car is at least so much noisier than the standing one."""
 _KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
@@ -66,7 +67,7 @@ _ACROSS_LEAST, _ACROSS_MOST = np.array([0.02, 0.05]), 0.3
 """m/s, sideways and upwards. What a body heaves looks like a scale error of the accelerometer that points up, which a
 smaller sigma would believe.
 """
-_STEPS: Final = 8
+_STEPS: Final = 12
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
 _FARTHEST: Final = 1.0
@@ -264,7 +265,7 @@ def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, 
         then those at hand are not made smaller, for loose constraints would take their place
     """
     likelihood = Likelihood(smoother, solved)
-    low, high = np.full(len(_NAMES), -_REACH), np.full(len(_NAMES), _REACH)
+    low, high = _LOW.copy(), np.full(len(_NAMES), _HIGH)
     for index, floor, now in ((7, still[0], solved.noise.gyro), (8, still[1], solved.noise.accel)):
         low[index] = 0.0 if not floor else min(0.0, float(np.log(_STILL_FACTOR * floor / now)))
     unseen = np.flatnonzero(likelihood.counts == 0.0) + 3

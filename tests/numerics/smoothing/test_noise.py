@@ -106,6 +106,14 @@ def test_velocity_sigmas_told_too_small_grow_as_far_as_fixes_still_count(factor)
     assert (found.velocity < 1.12 * true.velocity).all()
 
 
+def test_a_receiver_of_centimetres_taken_for_one_of_metres_is_found():
+    true, found = told_wrong(replace(CLEAN, white=0.01, drift=0.01), position=100.0, drift=200.0)
+    # Between fixes a second apart the IMU moves by 2 mm more or less, so that 1200 residuals across and 600 up tell the
+    # white noise; drift and motion over a minute are told apart by velocities of 0.1 m/s alone, some decimetres.
+    assert_allclose(found.position, true.position, rtol=0.3)
+    assert (found.drift < 0.2).all()
+
+
 @pytest.mark.parametrize("factor", [0.33, 3.0], ids=["too small", "too large"])
 def test_the_noise_of_the_imu_told_wrong_is_found(factor):
     # That of the data sheet, 2 mm/s in an interval, hides behind GNSS velocities of 0.1 m/s; that of a car on a rough
