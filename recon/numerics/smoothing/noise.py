@@ -54,16 +54,16 @@ which is right on average; this avoids the boundary at zero (Chung et al. 2013).
 _LOW: Final = -np.array([7.0, 7.0, 2.5, 7.0, 7.0, 7.0, 7.0, 2.5, 2.5, 2.5, 2.5])
 _HIGH: Final = 2.5
 """Bounds of the logarithms: a receiver that was taken for one of metres may be one of centimetres."""
-_STILL_FACTOR: Final = 1.5
+_STILL_FACTOR: Final = 1.25
 """The moving car is at least so much noisier than the standing one."""
 _KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
 """Mean square of what is left of normal residuals of 0 to 3 components where those whose squares sum up to more than 9
 are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
 """
 _LASTING_S: Final = 20.0
-_ACROSS, _ACROSS_LIKE = 0.05, 5.0
+_ACROSS, _ACROSS_LIKE = 0.05, 2.0
 """m/s; what is expected of motion across the track, and how many means that is worth."""
-_ACROSS_LEAST, _ACROSS_MOST = np.array([0.02, 0.05]), 0.3
+_ACROSS_LEAST, _ACROSS_MOST = np.array([0.01, 0.05]), 0.3
 """m/s, sideways and upwards. What a body heaves looks like a scale error of the accelerometer that points up, which a
 smaller sigma would believe.
 """
