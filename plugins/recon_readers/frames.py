@@ -14,7 +14,6 @@ creation_time, which some phones write when the recording ends. `start` takes th
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -32,6 +31,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import FRAMES
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, build, with_meta
+from recon.utc import iso_ns, zone_ns
 from recon_readers._frame_times import LATEST_NS, Line, Told, is_image, lines_of, told_by
 
 LISTS: Final = (".txt", ".csv")
@@ -53,20 +53,25 @@ class FramesParams(Params):
     @field_validator("start")
     @classmethod
     def _is_a_time(cls, value: str) -> str:
-        if value:
-            datetime.fromisoformat(value)
+        if value and abs(iso_ns(value)) >= LATEST_NS:
+            raise ValueError(f"'{value:.40}' is too far from 1970")
+        return value
+
+    @field_validator("zone")
+    @classmethod
+    def _is_a_zone(cls, value: str) -> str:
+        zone_ns(value)
         return value
 
     @property
     def zone_ns(self) -> int:
         """Local time minus UTC in ns."""
-        hours, minutes = int(self.zone[1:3]), int(self.zone[4:])
-        return int(f"{self.zone[0]}1") * (60 * hours + minutes) * 60_000_000_000
+        return zone_ns(self.zone)
 
     @property
     def start_ns(self) -> int | None:
         """The zero as ns since 1970 UTC, None where it is not given."""
-        return _since_1970(self.start, self.zone_ns) if self.start else None
+        return iso_ns(self.start, self.zone_ns) if self.start else None
 
 
 class _Frames(NamedTuple):
@@ -196,17 +201,10 @@ def _video(path: Path, params: FramesParams) -> _Frames:
 def _stated_ns(text: str) -> int | None:
     """When a video says that it began, None where it says nothing or what is no time."""
     try:
-        since = _since_1970(text, 0)
+        since = iso_ns(text)
     except ValueError:
         return None
     return since if abs(since) < LATEST_NS else None
-
-
-def _since_1970(text: str, zone_ns: int) -> int:
-    """ns since 1970 UTC of an ISO text; in the zone given where it names none."""
-    moment = datetime.fromisoformat(text)
-    since = moment.replace(tzinfo=moment.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000 - (0 if moment.tzinfo else zone_ns)
 
 
 def sniff(path: Path, head: bytes) -> Sniff:

@@ -203,3 +203,13 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
 
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_readers()] == [[]]
+
+
+@pytest.mark.parametrize(("name", "value"), [("zone", "+01:75"), ("start", "9019-11-26"), ("start", "noon")])
+def test_a_zone_or_a_start_that_is_none_is_refused(name: str, value: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        FramesParams(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_start_is_taken_to_the_nanosecond() -> None:
+    assert FramesParams(start="2019-11-26T11:00:00.123456789", zone="+01:00").start_ns == NS
