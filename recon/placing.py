@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from recon.errors import DataError
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodetic_to_enu
+from recon.numerics.gnss_time import NS
 from recon.numerics.signals import runs
 from recon.rows import Metric, spans, warning
 from recon.tables import Array, has, matrix, meta, replace, time_ns, vector, with_meta
@@ -18,6 +19,8 @@ EARTHS: Final = {"wgs84": WGS84, "sphere": SPHERE}
 """Figures of the Earth by the name that a stream's fact `earth` gives."""
 
 SHOWN_SILENCES: Final = 3
+_FIRST_DATE_NS: Final = 315_532_800 * NS
+"""1980, when GPS time began. Earlier times count from the start of a log or of a device."""
 
 
 def silent_steps(imu: pa.Table, max_gap: float, longest_gap: float) -> NDArray[np.bool_]:
@@ -62,9 +65,12 @@ def _length(span_ns: np.int64) -> str:
 
 
 def moment(t_ns: NDArray[np.int64], row: int) -> str:
-    """Time of a row, and how long that is after the first row."""
-    moment = str(t_ns[row].view("datetime64[ns]").astype("datetime64[ms]")).replace("T", " ")
-    return f"{moment} ({(t_ns[row] - t_ns[0]) * 1e-9:.1f} s after the first row)"
+    """Time of a row, and how long that is after the first row; the latter alone where the clock is no calendar."""
+    since = f"{(t_ns[row] - t_ns[0]) * 1e-9:.1f} s after the first row"
+    if t_ns[row] < _FIRST_DATE_NS:
+        return since
+    date = str(t_ns[row].view("datetime64[ns]").astype("datetime64[ms]")).replace("T", " ")
+    return f"{date} ({since})"
 
 
 def rows_during(table: pa.Table, events: pa.Table | None, kind: str) -> NDArray[np.intp]:

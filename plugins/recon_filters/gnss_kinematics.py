@@ -75,7 +75,11 @@ class GnssKinematicsParams(Params):
         1.5, "s", gt=0, le=3600, doc="Fixes further apart are an outage, across which nothing is derived."
     )
     max_speed: float = quantity(
-        400.0, "km/h", gt=0, le=1e5, doc="Positions that could only be reached faster are left out."
+        400.0,
+        "km/h",
+        gt=0,
+        le=1e5,
+        doc="Positions that could only be reached faster are left out; 15 m are left to scatter.",
     )
 
 
@@ -252,6 +256,7 @@ def declare_filters() -> Iterable[Filter]:
         reads={"gnss": GNSS.need(maybe=("lat", "lon", "height", "speed", "course", "vel", "fix"))},
         writes={"gnss": Change(adds=GNSS.columns_of(*_ADDED))},
         run=gnss_kinematics,
+        version=2,
         plan=_plan,
         references=("Groves (2013), Principles of GNSS, inertial, and multisensor integrated navigation systems",),
     )

@@ -82,7 +82,7 @@ def test_steps_longer_than_a_gap_are_silent():
 
 
 def test_a_hole_is_refused_with_its_place():
-    with pytest.raises(DataError, match=r"no imu for 3\.0 days from 1970-01-01 00:00:01\.000 \(1\.0 s after the first"):
+    with pytest.raises(DataError, match=r"no imu for 3\.0 days from 1\.0 s after the first"):
         silent_steps(imu_at(0, SECOND, (3 * 86400 + 1) * SECOND), 0.5, 600.0)
 
 
@@ -90,8 +90,5 @@ def test_silences_are_told_with_time_and_length_and_many_are_counted():
     imu = imu_at(*(2 * SECOND * np.arange(6)))
     notes = warnings_of(metrics(silence_warnings(imu, silent_steps(imu, 0.5, 600.0), "it is held")))
     assert len(notes) == 4
-    assert notes[1] == (
-        "no imu for 2.0 s from 1970-01-01 00:00:02.000 (2.0 s after the first row): what happened there is unknown, "
-        "it is held"
-    )
+    assert notes[1] == ("no imu for 2.0 s from 2.0 s after the first row: what happened there is unknown, it is held")
     assert notes[3] == "no imu in 2 more gaps; 10.0 s are missing in all"
