@@ -55,6 +55,8 @@ MAX_GAP_S = 2.0
 """Speeds further apart are not joined."""
 MAX_SILENCE_S = 0.5
 """No window holds a longer gap of imu."""
+FEWEST_WINDOWS = 3
+"""From which a direction is found."""
 LAUNCH_S = (-1.0, 3.0)
 """Span about the end of a stop in which the vehicle sets off; detectors fed by a late GNSS tell the end late."""
 
@@ -152,15 +154,20 @@ def _first_ns(imu: pa.Table) -> int:
 
 
 def _straight_windows(imu: pa.Table, params: ForwardParams) -> Windows:
-    """Raises NotEnoughData where imu is shorter than a window."""
+    """Raises NotEnoughData where imu is shorter than a window, its rows are too far apart or hardly any is straight."""
     t_s = seconds(imu)
     span = float(t_s[-1]) if len(t_s) else 0.0
     if span <= params.window:
         raise _not_enough("time in imu", f"{params.window:g} s", f"{span:g} s in {len(t_s)} rows")
     middle_s = _middles(t_s, params.window)
+    if not len(middle_s):
+        needed = f"rows at most {MAX_SILENCE_S:g} s apart for {params.window:g} s"
+        raise _not_enough("samples of imu", needed, f"rows {np.median(np.diff(t_s)):.3g} s apart")
     accel_l = _means(t_s, matrix(imu, "accel")[:, :2], middle_s, params.window)
     yaw_rate = _means(t_s, vector(imu, "gyro_z")[:, None], middle_s, params.window)[:, 0]
     straight = np.abs(yaw_rate) < params.straight
+    if np.count_nonzero(straight) < FEWEST_WINDOWS:
+        raise _not_enough("straight road", f"{params.duration:g} s", f"{STEP_S * np.count_nonzero(straight):.1f} s")
     return Windows(middle_s[straight], accel_l[straight])
 
 
@@ -200,9 +207,9 @@ def _no_speeds(windows: Windows, fix_s: Floats, speed: Floats) -> NotEnoughData:
     known = speed[np.isfinite(speed)]
     if len(known) and np.ptp(known) == 0.0:
         return _not_enough("changes of gnss speed", "a drive", f"{known[0] * 3.6:g} km/h throughout")
-    until = windows.middle_s.max(initial=0.0)
+    until = windows.middle_s.max()
     span = f" from {fix_s[0]:.0f} to {fix_s[-1]:.0f} s" if len(fix_s) else ""
-    return _not_enough("gnss speeds while imu runs", f"3 from 0 to {until:.0f} s", f"{len(known)}{span}")
+    return _not_enough("gnss speeds while imu runs", f"{FEWEST_WINDOWS} from 0 to {until:.0f} s", f"{len(known)}{span}")
 
 
 def _regress(accel_l: Floats, rate: Floats, window: float, lag: float) -> Direction | None:
@@ -210,7 +217,7 @@ def _regress(accel_l: Floats, rate: Floats, window: float, lag: float) -> Direct
 
     accel_l : (m, 2) m/s^2, level; rate : (m,) m/s^2
     """
-    if len(rate) < 3 or np.ptp(rate) == 0.0:
+    if len(rate) < FEWEST_WINDOWS or np.ptp(rate) == 0.0:
         return None
     accel_l, rate = accel_l - accel_l.mean(axis=0), rate - rate.mean()
     covariance = accel_l.T @ rate / len(rate)
@@ -232,9 +239,7 @@ def _by_principal_axis(
     windows: Windows, imu: pa.Table, events: pa.Table | None, params: ForwardParams
 ) -> tuple[Direction, Floats]:
     """Principal axis of the horizontal acceleration with the sign of the launches, and the acceleration along it."""
-    accel_l = windows.accel_l - windows.accel_l.mean(axis=0) if len(windows.accel_l) else windows.accel_l
-    if len(accel_l) < 3:
-        raise _not_enough("straight road", f"{params.duration:g} s", f"{STEP_S * len(accel_l):.1f} s")
+    accel_l = windows.accel_l - windows.accel_l.mean(axis=0)
     (minor, major), axes = np.linalg.eigh(accel_l.T @ accel_l / len(accel_l))
     angle = float(np.arctan2(axes[1, 1], axes[0, 1]))
     if _launch(imu, events, angle) < 0.0:

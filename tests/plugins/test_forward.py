@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recon import GNSS, IMU, Event, build, events, matrix
+from recon import GNSS, IMU, Event, build, events, matrix, replace
 from recon.errors import NotEnoughData
 from recon.numerics.motion import rest, s_curve, specific_force, stop_and_go
 from recon.numerics.rotation import from_euler, rotate
@@ -155,3 +155,21 @@ def test_a_speed_that_never_changes_and_one_of_another_time_are_called_that():
     ):
         with pytest.raises(NotEnoughData, match=found):
             forward(imu=imu, gnss=gnss, events=None, params=ForwardParams())
+
+
+@pytest.mark.parametrize("with_speed", [True, False])
+def test_rows_a_second_apart_are_called_that(with_speed):
+    imu = box(city(), 120.0, 0.0)
+    every_second = imu.take(np.arange(0, imu.num_rows, round(imu.num_rows / 120.0)))
+    gnss = speed_of(city(), 120.0) if with_speed else None
+    with pytest.raises(NotEnoughData, match=r"samples of imu: needs rows at most 0.5 s apart for 1 s, found rows 1 s"):
+        forward(imu=every_second, gnss=gnss, events=STOP, params=ForwardParams())
+
+
+@pytest.mark.parametrize("with_speed", [True, False])
+def test_a_drive_that_always_turns_is_called_that(with_speed):
+    imu = box(city(), 120.0, 0.0)
+    turning = replace(imu, gyro=matrix(imu, "gyro") + np.array([0.0, 0.0, 3.0]))
+    gnss = speed_of(city(), 120.0) if with_speed else None
+    with pytest.raises(NotEnoughData, match=r"straight road: needs 3 s, found 0\.0 s"):
+        forward(imu=turning, gnss=gnss, events=STOP, params=ForwardParams())
