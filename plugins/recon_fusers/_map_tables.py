@@ -1,4 +1,4 @@
-"""What fuser.map found, as streams: trajectory, residuals, knots, events and metrics."""
+"""What fuser.map found, as streams: trajectory, residuals and events."""
 
 from __future__ import annotations
 
@@ -10,33 +10,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon import RESIDUALS, TRAJECTORY, Array, Event, Metric, build, meta, time_ns, with_meta
-from recon.driving import mounting_metrics
+from recon import RESIDUALS, TRAJECTORY, Array, Event, build, meta, time_ns, with_meta
 from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, between_knots, full_rate, geodetic, sigmas
 from recon.numerics.smoothing.soa import matrix_to_quat, quat_multiply
-from recon.numerics.smoothing.state import (
-    ACCEL_BIAS,
-    ACCEL_SCALE,
-    BARO,
-    CAMERA,
-    CAMERA_LEVER,
-    DRIFT,
-    GYRO_BIAS,
-    GYRO_SCALE,
-    LAG,
-    LEVER,
-    MOUNT,
-    PITCH,
-    POSITION,
-    REAR,
-    ROLL,
-    SLIP,
-    VELOCITY,
-    VELOCITY_LAG,
-    WHEEL,
-)
+from recon.numerics.smoothing.state import ACCEL_SCALE, DRIFT, GYRO_SCALE, LAG, LEVER, MOUNT, POSITION, VELOCITY
 
 _STANDARD_FACTS: Final = ("time_scale", "clock")
 _VELOCITIES: Final = {
@@ -222,101 +201,3 @@ def happenings(found: Estimate, start_ns: int) -> list[Event]:
     return [
         Event(start_ns + round(a * 1e9), start_ns + round(b * 1e9), kind, float(b - a), "s") for kind, a, b in spans
     ]
-
-
-def estimates(found: Estimate, observed: Observed) -> list[Metric]:
-    """Every number that was found, with its sigma."""
-    solved, common = found.solved, found.solved.state.common
-    deviation = np.sqrt(np.maximum(np.diag(found.covariance_common), 0.0))
-    how = "maximum a posteriori"
-    rows = mounting_metrics(found)
-    lever_v, rear_v = (solved.state.rot_vs @ common[part] for part in (LEVER, REAR))
-    for name, value, part in (("lever_arm", lever_v, LEVER), ("rear_axle", rear_v, REAR)):
-        spread = solved.state.rot_vs @ found.covariance_common[part, part] @ solved.state.rot_vs.T
-        rows += (
-            [
-                Metric(
-                    f"{name}_{axis}",
-                    float(v),
-                    "m",
-                    float(np.sqrt(max(c, 0.0))),
-                    method=how,
-                    note="vehicle, from the IMU",
-                )
-                for axis, v, c in zip("xyz", value, np.diag(spread), strict=True)
-            ]
-            if spread.any()
-            else []
-        )
-    for name, index, unit, factor in (
-        ("gnss_delay", LAG, "s", -1.0), ("gnss_velocity_delay", VELOCITY_LAG, "s", -1.0),
-        ("side_slip_per_acceleration", SLIP, "s^2/m", 1.0), ("pitch_per_acceleration", PITCH, "s^2/m", 1.0),
-        ("roll_per_acceleration", ROLL, "s^2/m", 1.0), ("wheel_speed_scale", WHEEL, "1", 1.0),
-    ):  # fmt: skip
-        if deviation[index] > 0.0 and (index != WHEEL or len(found.smoother.drive.wheel_t_s)):
-            value = common[index] + (solved.moved_lag if index == LAG else 0.0)
-            rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=how))
-    if deviation[BARO] > 0.0:
-        note = "of the standard atmosphere's climbs"
-        rows.append(Metric("baro_scale", 1.0 + float(common[BARO]), "1", float(deviation[BARO]), method=how, note=note))
-    rows += _biases(found)
-    for name, part, unit, factor in (
-        ("gyro_scale", GYRO_SCALE, "1", 1.0), ("accel_scale", ACCEL_SCALE, "1", 1.0),
-        ("camera_turned", CAMERA, "deg", np.degrees(1.0)), ("camera_lever", CAMERA_LEVER, "m", 1.0),
-    ):  # fmt: skip
-        rows += [
-            Metric(f"{name}_{axis}", float(v) * factor, unit, float(s) * factor, method=how, note="sensor frame")
-            for axis, v, s in zip("xyz", common[part], deviation[part], strict=True) if s > 0.0
-        ]  # fmt: skip
-    return rows + _noise(found, observed)
-
-
-def _biases(found: Estimate) -> list[Metric]:
-    state = found.solved.state
-    rows = []
-    for name, values, part, unit, factor in (
-        ("gyro_bias", state.gyro_bias, GYRO_BIAS, "deg/s", np.degrees(1.0)),
-        ("accel_bias", state.accel_bias, ACCEL_BIAS, "m/s^2", 1.0),
-    ):
-        deviation = np.sqrt(np.maximum(np.diagonal(found.covariance[:, part, part], axis1=1, axis2=2).min(axis=0), 0.0))
-        rows += [
-            Metric(
-                f"{name}_{axis}", float(v.mean()) * factor, unit, float(s) * factor, float(v.min()) * factor,
-                float(v.max()) * factor, "mean over the drive", "sensor frame; low and high are those of the drive"
-            )
-            for axis, v, s in zip("xyz", values, deviation, strict=True)
-        ]  # fmt: skip
-    return rows
-
-
-def _noise(found: Estimate, observed: Observed) -> list[Metric]:
-    noise, solved = found.solved.noise, found.solved
-    fixes = observed.fixes
-    rows = [
-        Metric("gyro_noise", float(np.degrees(noise.gyro)), "deg/s/sqrt(Hz)", note="in the moving vehicle"),
-        Metric("accel_noise", noise.accel, "m/s^2/sqrt(Hz)", note="in the moving vehicle"),
-        Metric("gyro_bias_walk", float(np.degrees(noise.gyro_walk)), "deg/s/sqrt(s)"),
-        Metric("accel_bias_walk", noise.accel_walk, "m/s^2/sqrt(s)"),
-        Metric("motion_sideways", noise.sideways, "m/s", note="of the wheels, mean of a second"),
-        Metric("motion_upwards", noise.upwards, "m/s", note="of the wheels, mean of a second"),
-    ]
-    if np.isfinite(fixes.pos_sigma).any():
-        rows += [
-            Metric("gnss_slow_error_horizontal", float(noise.drift[0]), "m", note="sigma of each axis"),
-            Metric("gnss_slow_error_vertical", float(noise.drift[2]), "m"),
-            Metric("gnss_slow_error_time", noise.drift_tau, "s", note="correlation time"),
-            Metric("gnss_position_noise_factor", float(noise.position[0]), "1", note="on the white sigma"),
-        ]
-    if np.isfinite(fixes.vel_sigma).any():
-        rows.append(Metric("gnss_velocity_noise_factor", float(noise.velocity[0]), "1", note="on the sigma"))
-    used = solved.epochs.fix >= 0
-    for name, sigma, weight in (
-        ("positions", fixes.pos_sigma, solved.pos_weight),
-        ("velocities", fixes.vel_sigma, solved.vel_weight),
-    ):
-        seen = used & np.isfinite(sigma[:, solved.epochs.fix]).any(axis=0)
-        if seen.any():
-            rows.append(Metric(f"gnss_{name}", float(seen.sum())))
-            rows.append(Metric(f"gnss_{name}_rejected", float((seen & (weight < 0.5)).sum())))
-    rows.append(Metric("steps", float(solved.steps), note="of Gauss and Newton to convergence"))
-    return rows

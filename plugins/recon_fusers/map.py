@@ -61,7 +61,8 @@ from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
     from recon.fixes import Observed, Trust
-    from recon.numerics.smoothing import Model, Noise
+    from recon.numerics.smoothing import Drive, Model, Noise
+    from recon.numerics.smoothing.aids import Speed
 
 
 _OF_RECEIVERS = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix")
@@ -167,11 +168,11 @@ def fuse_map(
     from recon.aiding import AidTrust, aids_of
     from recon.driving import drive_of, impacts_of, measured, solve
     from recon.fixes import observe
-    from recon.numerics.smoothing.aids import Speed
     from recon.receivers import with_further
     from recon_fusers import _map_tables as tables  # slow import: only when used
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
+    from recon_fusers._map_metrics import estimates
 
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
@@ -180,20 +181,15 @@ def fuse_map(
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.steering, params.ground_level)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
-    model = model_of(params, attitude, baro)
-    if visual is not None and visual.num_rows > 1:
-        lever, lever_sigma = params.camera_lever, params.camera_lever_sigma
-        model = replace(model, camera=params.camera_sigma, camera_lever=lever, camera_lever_sigma=lever_sigma)
-    if not params.wheels and len(drive.wheel_t_s) > 1:
-        aids = (*aids, Speed(drive.wheel_t_s, np.abs(drive.wheel_speed), model.wheel_speed))
-    expected = noise_of(params, observed)
+    model, expected = model_of(params, attitude, baro, visual), noise_of(params, observed)
+    aids = (*aids, *_speed_alone(params, drive, model))
     alone = solve(replace(drive, aids=aids), model, expected, params.estimate_noise)
     others = zip(FURTHER_GNSS, (gnss_2, gnss_3, gnss_4), strict=True)
     further = {name: table for name, table in others if table is not None and table.num_rows}
     antennas = {name: getattr(params, f"antenna_{name[-1]}") for name in further}
     every = with_further(alone, observed, further, antennas, start_ns, trust_of(params), params.reported_sigmas)
     trajectory = tables.trajectory(every.found, observed, imu, gnss, params.output_rate)
-    learnt += [*tables.estimates(every.found, every.observed), *every.learnt]
+    learnt += [*estimates(every.found, every.observed), *every.learnt]
     learnt += doubts(alone, observed, trajectory, gnss, expected)
     return {
         "trajectory": trajectory,
@@ -202,6 +198,15 @@ def fuse_map(
         "events": event_rows(tables.happenings(every.found, start_ns)),
         "metrics": metrics(learnt),
     }
+
+
+def _speed_alone(params: MapParams, drive: Drive, model: Model) -> list[Speed]:
+    """What the wheel speed of a vehicle tells whose wheels bind nothing: how fast it is, in whatever direction."""
+    from recon.numerics.smoothing.aids import Speed
+
+    if params.wheels or len(drive.wheel_t_s) < 2:
+        return []
+    return [Speed(drive.wheel_t_s, np.abs(drive.wheel_speed), model.wheel_speed)]
 
 
 def trust_of(params: MapParams) -> Trust:
@@ -222,7 +227,9 @@ def _value(params: MapParams, name: str) -> float:
     return typical(params.sensor_class, name) if given is None else given
 
 
-def model_of(params: MapParams, attitude: pa.Table | None, baro: pa.Table | None = None) -> Model:
+def model_of(
+    params: MapParams, attitude: pa.Table | None, baro: pa.Table | None = None, visual: pa.Table | None = None
+) -> Model:
     """How the vehicle moves, and what is known beforehand."""
     from recon.numerics.barometer import SCALE_SIGMA
     from recon.numerics.smoothing import Model
@@ -240,6 +247,9 @@ def model_of(params: MapParams, attitude: pa.Table | None, baro: pa.Table | None
     if attitude is not None and attitude.num_rows:
         known["first_attitude"] = _matrix(matrix(attitude, "q")[0])
         known["first_attitude_sigma"] = (params.first_attitude_sigma,) * 3
+    if visual is not None and visual.num_rows > 1:
+        known["camera"] = params.camera_sigma
+        known["camera_lever"], known["camera_lever_sigma"] = params.camera_lever, params.camera_lever_sigma
     return Model(
         gyro_bias=value["gyro_bias"],
         accel_bias=value["accel_bias"],
