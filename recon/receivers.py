@@ -49,42 +49,54 @@ def with_further(
     found, observed : of gnss alone; start_ns, trust, reported : as of `observe`
     further : by name; antennas : by name, offset from the antenna of gnss, (3,) m, vehicle, None : found
     """
-    alone = Together(found, observed, {"gnss": observed.kind}, [])
-    placed: dict[str, tuple[Receiver, Observed]] = {}
-    rot_vs = found.solved.state.rot_vs
-    for name, table in further.items():
-        offset_v = antennas[name]
-        try:
-            other = observe(about(table, observed.anchor), start_ns, trust, reported)
-            offset_s = None if offset_v is None else rot_vs.T @ np.asarray(offset_v)
-            slow = other.drift * found.solved.noise.drift / observed.drift
-            placed[name] = find_receiver(found, other.fixes, slow, offset_s, _GIVEN_SIGMA), other
-        except (DataError, ValueError) as error:
-            alone.learnt.append(warning(f"{name} is left out: {error}"))
-            continue
-        off = _velocity_error(placed[name][0])
-        if off > _FOREIGN:
-            del placed[name]
-            note = (
-                f"{name} is left out: its velocities are {off:.1f} m/s from those of the drive; is it of another one?"
-            )
-            alone.learnt.append(warning(note))
+    placed, learnt = _placed(found, observed, further, antennas, start_ns, trust, reported)
+    alone = Together(found, observed, {"gnss": observed.kind}, learnt)
     if not placed:
         return alone
     fixes, which, row = joined(found, [receiver for receiver, _ in placed.values()])
     rows = [observed.row, *(other.row for _, other in placed.values())]
     all_rows = np.concatenate(rows)[np.cumsum([0, *map(len, rows[:-1])])[which] + row]
-    learnt = [metric for name, (receiver, _) in placed.items() for metric in _told(name, receiver, rot_vs)]
     try:
         together = solved_with(found, fixes)
     except np.linalg.LinAlgError as error:
-        return replace(alone, learnt=[warning(f"{', '.join(placed)} left out: {error}")])
+        return replace(alone, learnt=[*learnt, warning(f"{', '.join(placed)} left out: {error}")])
+    rot_vs = found.solved.state.rot_vs
     return Together(
         together,
         replace(observed, fixes=fixes, row=all_rows, receiver=which),
         {**alone.kinds, **{name: other.kind for name, (_, other) in placed.items()}},
-        alone.learnt + learnt,
+        learnt + [metric for name, (receiver, _) in placed.items() for metric in _told(name, receiver, rot_vs)],
     )
+
+
+def _placed(
+    found: Estimate,
+    observed: Observed,
+    further: Mapping[str, pa.Table],
+    antennas: Mapping[str, tuple[float, float, float] | None],
+    start_ns: int,
+    trust: Trust,
+    reported: bool,
+) -> tuple[dict[str, tuple[Receiver, Observed]], list[Metric]]:
+    """The receivers that can be placed, and a warning for each other one."""
+    placed, left_out = {}, []
+    for name, table in further.items():
+        offset_v = antennas[name]
+        offset_s = None if offset_v is None else found.solved.state.rot_vs.T @ np.asarray(offset_v)
+        try:
+            other = observe(about(table, observed.anchor), start_ns, trust, reported)
+            slow = other.drift * found.solved.noise.drift / observed.drift
+            receiver = find_receiver(found, other.fixes, slow, offset_s, _GIVEN_SIGMA)
+        except (DataError, ValueError) as error:
+            left_out.append(warning(f"{name} is left out: {error}"))
+            continue
+        off = _velocity_error(receiver)
+        if off > _FOREIGN:
+            why = f"its velocities are {off:.1f} m/s from those of the drive; is it of another one?"
+            left_out.append(warning(f"{name} is left out: {why}"))
+        else:
+            placed[name] = receiver, other
+    return placed, left_out
 
 
 def _velocity_error(receiver: Receiver) -> float:
