@@ -223,8 +223,9 @@ def _gnss(
     names = enumerate(("lat", "lon", "height", "speed"))
     groups = {name: np.where(fixed, samples.column(at), np.nan) for at, name in names}
     groups["fix"] = np.where(np.isin(fix, (0.0, 2.0, 3.0)), fix, np.nan)
-    source = Source(path, "gnss")
-    made, learnt = stream(source, GNSS, t_ns + (zero_ns or 0), np.zeros(len(t_ns), dtype=bool), groups)
+    # without a fix GPS9 tells the camera's own time, which would push out the fixes around it
+    untimed = ~fixed if key == "GPS9" else np.zeros(len(t_ns), dtype=bool)
+    made, learnt = stream(Source(path, "gnss"), GNSS, t_ns + (zero_ns or 0), untimed, groups)
     datum = "mean_sea_level" if samples.first.text("GPSA") == "MSLV" else "ellipsoid"
     if not fixed.all():
         learnt.append(Metric("rows_without_fix", float((~fixed).sum()), note=f"of {len(fixed)} rows of {key}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -122,3 +123,36 @@ def test_real_videos(logs: Path) -> None:
     )
     first = matrix(film["imu"], "accel", gaps=True)[: alone["imu"].num_rows]
     np.testing.assert_array_equal(first, matrix(alone["imu"], "accel", gaps=True))  # the raw file is its first payload
+
+
+def gps9(seconds: int, fixed_from: int, wrong_clock_s: int) -> list[bytes]:
+    """Payloads of a second with GPS9 alone at 5 Hz; before the fix the camera's own clock is that much ahead."""
+    scale = struct.pack(">9i", 10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1)
+    about = [klv_text("TYPE", "lllllllSS"), log_files.klv("SCAL", "l", 4, 9, scale)]
+    day, of_day = 9412, 10 * 3600  # 2025-10-08, days after 2000-01-01, 10 h
+    found = []
+    for second in range(seconds):
+        fix, ahead = (3, 0) if second >= fixed_from else (0, wrong_clock_s)
+        of_day_ms = 1000 * (of_day + second + ahead)
+        rows = [
+            (
+                (481_000_000 + 100 * (5 * second + k), 115_000_000, 500_000, 9000, 900, day),
+                (of_day_ms + 200 * k, 150, fix),
+            )
+            for k in range(5)
+        ]
+        raw = b"".join(struct.pack(">7i2H", *place, *clock) for place, clock in rows)
+        stamp = log_files.klv("STMP", "J", 8, 1, struct.pack(">Q", 1_000_000 * second))
+        held = log_files.nest("STRM", stamp, *about, log_files.klv("GPS9", "?", 32, 5, raw))
+        found.append(log_files.nest("DEVC", log_files.klv("DVID", "L", 4, 1, struct.pack(">I", 1)), held))
+    return found
+
+
+def klv_text(key: str, text: str) -> bytes:
+    return log_files.klv(key, "c", 1, len(text), text.encode())
+
+
+def test_a_clock_without_a_fix_does_not_push_out_the_fixes_behind_it(tmp_path: Path) -> None:
+    gnss = read(tmp_path, log_files.mp4(gps9(10, fixed_from=7, wrong_clock_s=3600)))["gnss"]
+    assert time_ns(gnss).tolist() == (START_NS + 7 * 10**9 + 200_000_000 * np.arange(15)).tolist()
+    assert vector(gnss, "lat")[0] == pytest.approx(48.10035, abs=1e-9)
