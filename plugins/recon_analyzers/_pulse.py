@@ -261,7 +261,7 @@ def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
 
 
 def speed_at(trajectory: pa.Table | None, zero_ns: int) -> tuple[float, float] | None:
-    """Horizontal speed at a time and its sigma, m/s; sigma NaN where unknown, None where there is no trajectory."""
+    """Horizontal speed at a time and its sigma, m/s, NaN where unknown; None where there is no trajectory."""
     if trajectory is None or not has(trajectory, "vel"):
         return None
     t_ns = time_ns(trajectory)

@@ -215,7 +215,7 @@ def _signed_extreme(y: Array) -> Array:
 
 def _speed(trajectory: pa.Table | None, zero_ns: int, gained: Uncertain, params: CrashParams) -> Metric:
     known = speed_at(trajectory, zero_ns)
-    if known is not None:
+    if known is not None and np.isfinite(known[0]):
         speed, sigma = (3.6 * value for value in known)
         method, note = "trajectory at time zero", "horizontal"
     elif params.restitution is not None:

@@ -120,12 +120,12 @@ def _row(number: int, t: float, element: Element, value: float, sigma: float | N
 
 
 def _before(trajectory: pa.Table | None, number: int, zero_ns: int, params: EdrParams) -> Rows:
-    """Speeds up to time zero; none where the trajectory does not reach."""
+    """Speeds up to time zero; none where the trajectory does not reach or tell them."""
     length_s, rate_hz = PRE_CRASH[params.rule]
     rows: Rows = []
     for t in (np.arange(-round(length_s * rate_hz), 1) / rate_hz).tolist():
         told = speed_at(trajectory, zero_ns + round(t * 1e9))
-        if told is not None:
+        if told is not None and np.isfinite(told[0]):
             rows.append(_row(number, t, SPEED, *(3.6 * value for value in told)))
     return rows
 

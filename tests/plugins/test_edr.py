@@ -10,7 +10,7 @@ from map_drives import fused
 from recon.edr import EDR
 from recon.numerics.integration import cumulative
 from recon.rows import spans, warnings_of
-from recon.tables import Array, Streams, build, matrix, time_ns
+from recon.tables import Array, Streams, build, matrix, replace, time_ns
 from recon_analyzers.edr import EdrParams, analyze_edr, declare_analyzers
 from recon_detectors.crash import CrashParams, crash
 from recon_simulators.drive import simulate_drive
@@ -59,6 +59,14 @@ def test_the_speed_before_is_told_at_the_times_of_the_rule(log: Streams) -> None
     coming = values(analyzed(log, rule="2024")["edr_pre_crash"], SPEED)
     assert len(coming) == 201
     assert min(coming) == -20.0
+
+
+def test_a_speed_that_the_trajectory_does_not_know_is_left_out(log: Streams) -> None:
+    zero_ns, _ = spans(log["events"], "crash")[0]
+    vel = matrix(log["trajectory"], "vel").copy()
+    vel[np.abs(time_ns(log["trajectory"]) - (zero_ns - 10**9)) < 10**8] = np.nan
+    speed = values(analyzed({**log, "trajectory": replace(log["trajectory"], vel=vel)})["edr_pre_crash"], SPEED)
+    assert sorted(speed) == [i / 2 for i in range(-10, 1) if i != -2]
 
 
 def test_delta_v_is_told_at_100_hz_until_30_ms_after_the_end_in_the_axes_of_sae(log: Streams) -> None:
