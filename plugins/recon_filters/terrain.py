@@ -15,7 +15,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 _CELLS: Final = 4
 """Cells around the way that are read with it."""
+_TILE: Final = 512
+"""Cells along each side of what is read at a time."""
 _FACTS: Final = ("time_scale", "clock")
 _DEGREE_M: Final = 111_320.0
 """m on a meridian."""
@@ -109,17 +111,35 @@ def _looked_up(raster: Path, lat: Array, lon: Array) -> tuple[Array, Array, Arra
                 raise DataError(f"{raster.name} does not say where on the Earth it lies", "give a GeoTIFF or an .hgt")
             grid_of = partial(_cells, file, transform)
             column, row = grid_of(lat, lon)
-            first = np.floor([row.min(), column.min()]).astype(int) - _CELLS
-            count = np.ceil([row.max(), column.max()]).astype(int) + _CELLS - first
-            window = Window(first[1], first[0], count[1], count[0])
-            grid = file.read(1, window=window, boundless=True, masked=True).astype(np.float64).filled(np.nan)
+            found = np.full((3, len(lat)), np.nan)
+            for part in _tiles(row, column, file.shape):
+                first = np.floor([row[part].min(), column[part].min()]).astype(int) - _CELLS
+                count = np.ceil([row[part].max(), column[part].max()]).astype(int) + _CELLS - first
+                window = Window(first[1], first[0], count[1], count[0])
+                grid = file.read(1, window=window, boundless=True, masked=True).astype(np.float64).filled(np.nan)
+                found[:, part] = _sampled(grid, first, grid_of, lat[part], lon[part])
     except (RasterioError, OSError) as error:
         why = str(error) if raster.exists() else "there is no such file"
         raise DataError(
             f"{raster} cannot be read as a map of heights: {why}",
             "name the map of your place by --set filter.terrain.raster=FILE; none is fetched",
         ) from error
-    return _sampled(grid, first, grid_of, lat, lon)
+    height, slope_e, slope_n = found
+    return height, slope_e, slope_n
+
+
+def _tiles(row: Array, column: Array, shape: tuple[int, int]) -> Iterator[NDArray[np.intp]]:
+    """Positions (k,) in the same square of cells, square by square; none of those beside the map.
+
+    So a long drive needs no more memory than a short one, nor does a fix that is far off.
+
+    row, column : (n,) cells; shape : of the map
+    """
+    on_map = np.flatnonzero((row > -1.0) & (row < shape[0]) & (column > -1.0) & (column < shape[1]))
+    squares = np.floor(np.column_stack((row, column))[on_map] / _TILE)
+    slot = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(slot, kind="stable")
+    yield from (part for part in np.split(on_map[order], np.cumsum(np.bincount(slot))[:-1]) if len(part))
 
 
 def _cells(file: Any, transform: Any, lat: Array, lon: Array) -> tuple[Array, Array]:
@@ -171,5 +191,6 @@ def declare_filters() -> Iterable[Filter]:
         reads={"gnss": GNSS.need("lat", "lon")},
         writes={"ground": GROUND},
         run=terrain,
+        version=2,
         references=("Horn 1981", "Farr et al. 2007"),
     )

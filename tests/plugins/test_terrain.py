@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -70,6 +72,30 @@ def test_tiles_of_the_shuttle_mission_are_read_by_their_name(tmp_path):
     gnss = build(GNSS, time=np.arange(20) * 10**9, lat=LAT + way, lon=LON + way)
     found = terrain(gnss=gnss, params=TerrainParams(raster=str(path)))["ground"]
     assert_allclose(vector(found, "height"), plane(LAT + way, LON + way), atol=0.51)  # whole metres
+
+
+def test_a_fix_that_is_far_off_costs_no_memory(gnss, tmp_path):
+    raster = write(tmp_path / "map.tif", cell=1.0 / 36000.0)
+    near = np.linspace(-0.004, 0.004, 50)
+    lat, lon = LAT + near, LON - 0.7 * near
+    alone = terrain(gnss=replace(gnss, lat=lat, lon=lon), params=TerrainParams(raster=raster))["ground"]
+    lat[7], lon[7] = -89.0, 179.0
+    tracemalloc.start()
+    found = terrain(gnss=replace(gnss, lat=lat, lon=lon), params=TerrainParams(raster=raster))["ground"]
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 50e6  # the square of cells from there to here would be of some TB
+    assert found.column("height").to_pylist() == np.delete(vector(alone, "height"), 7).tolist()
+
+
+def test_a_way_over_several_squares_of_the_map_has_no_seams(tmp_path):
+    raster = write(tmp_path / "map.tif", size=1501, cell=1.0 / 36000.0)
+    way = np.linspace(-0.02, 0.02, 500)
+    gnss = build(GNSS, time=np.arange(500) * 10**9, lat=LAT + way, lon=LON + way)
+    found = terrain(gnss=gnss, params=TerrainParams(raster=raster))["ground"]
+    # As above; slopes are differences over 3.1 m, which float32 rounds by 3e-6.
+    assert_allclose(vector(found, "height"), plane(LAT + way, LON + way), atol=1e-4)
+    assert_allclose(vector(found, "slope_n"), NORTH, atol=1e-5)
 
 
 def test_fixes_beside_the_map_or_in_its_holes_are_left_out(gnss, tmp_path):
