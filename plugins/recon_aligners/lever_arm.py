@@ -105,11 +105,15 @@ def _place(trajectory: pa.Table, arm_n: Array) -> dict[str, Array]:
         return {}
     lat, lon = (vector(trajectory, name, gaps=True) for name in ("lat", "lon"))
     known = np.isfinite(lat) & np.isfinite(lon)
-    height = vector(trajectory, "height", gaps=True)
+    if not known.any():
+        return {}
+    there = has(trajectory, "height")
+    height = vector(trajectory, "height", gaps=True) if there else np.full(len(lat), np.nan)
     origin = Anchor(float(lat[known][0]), float(lon[known][0]), float(np.nan_to_num(height)[known][0]))
     place = geodetic_to_enu(lat, lon, np.nan_to_num(height, nan=origin.height), origin)
     new_lat, new_lon, new_height = enu_to_geodetic(place + arm_n, origin)
-    return {"lat": new_lat, "lon": new_lon, "height": np.where(np.isfinite(height), new_height, np.nan)}
+    moved = {"height": np.where(np.isfinite(height), new_height, np.nan)} if there else {}
+    return {"lat": new_lat, "lon": new_lon, **moved}
 
 
 @hookimpl

@@ -48,6 +48,15 @@ def test_the_place_moves_with_the_position() -> None:
     np.testing.assert_allclose(vector(moved, "height") - vector(box, "height"), -0.4, rtol=0, atol=0.01)
 
 
+def test_a_trajectory_without_heights_is_moved_as_well() -> None:
+    box = truth(rest=3.0)
+    whole = move(trajectory=box, params=LeverArmParams(lever_arm=LEVER))["trajectory"]
+    flat = move(trajectory=box.drop_columns(["height"]), params=LeverArmParams(lever_arm=LEVER))["trajectory"]
+    assert "height" not in flat.column_names
+    # A height of up to 100 m moves a lever of 1.2 m by 1e-5 of it.
+    np.testing.assert_allclose(vector(flat, "lat"), vector(whole, "lat"), rtol=0, atol=1e-4 / 111_000.0)
+
+
 def test_no_lever_is_no_move() -> None:
     box = truth(motion="circle", spin=0.0, direction=0.0, rest=3.0, turns=1.0)
     same = move(trajectory=box, params=LeverArmParams())["trajectory"]
