@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -67,10 +67,14 @@ def _length(span_ns: np.int64) -> str:
 def moment(t_ns: NDArray[np.int64], row: int) -> str:
     """Time of a row, and how long that is after the first row; the latter alone where the clock is no calendar."""
     since = f"{(t_ns[row] - t_ns[0]) * 1e-9:.1f} s after the first row"
-    if t_ns[row] < _FIRST_DATE_NS:
-        return since
-    date = str(t_ns[row].view("datetime64[ns]").astype("datetime64[ms]")).replace("T", " ")
-    return f"{date} ({since})"
+    return since if t_ns[row] < _FIRST_DATE_NS else f"{clock_text(t_ns[row], 'ms')} ({since})"
+
+
+def clock_text(t_ns: np.int64, to: Literal["s", "ms"] = "s") -> str:
+    """A time in ns as its date and time of day, or in s where the clock is no calendar."""
+    if t_ns < _FIRST_DATE_NS:
+        return f"{t_ns * 1e-9:.1f} s"
+    return str(t_ns.view("datetime64[ns]").astype(f"datetime64[{to}]")).replace("T", " ")
 
 
 def rows_during(table: pa.Table, events: pa.Table | None, kind: str) -> NDArray[np.intp]:

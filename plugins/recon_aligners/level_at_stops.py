@@ -36,7 +36,7 @@ from recon import (
 )
 from recon.errors import DataError, NotEnoughData
 from recon.numerics.rotation import Floats, rotate, shortest_arc, to_euler
-from recon.placing import rows_during
+from recon.placing import clock_text, rows_during
 
 UP = np.array([0.0, 0.0, 1.0])
 LEAST_GRAVITY = 5.0
@@ -91,18 +91,14 @@ def _no_stop(imu: pa.Table, events: pa.Table) -> DataError:
         return NotEnoughData("rows in imu", needed=f"at least {FEWEST_ROWS}", found=str(len(t_ns)), hint=hint)
     if len(found):
         return DataError(
-            f"{len(found)} standstills were found, none while imu runs: imu from {_day_time(t_ns[0])} to "
-            f"{_day_time(t_ns[-1])}, standstills from {_day_time(found.min())} to {_day_time(found.max())}",
+            f"{len(found)} standstills were found, none while imu runs: imu from {clock_text(t_ns[0])} to "
+            f"{clock_text(t_ns[-1])}, standstills from {clock_text(found.min())} to {clock_text(found.max())}",
             "gnss and imu overlap nowhere there: is it the same drive, and do their clocks agree?",
         )
     return NotEnoughData(
         "stops", needed="one standstill", found="none",
         hint="relax the thresholds of the standstill detector, or log a few seconds at rest",
     )  # fmt: skip
-
-
-def _day_time(t_ns: np.int64) -> str:
-    return str(t_ns.view("datetime64[ns]").astype("datetime64[s]")).replace("T", " ")
 
 
 def _disagreements(start_s: NDArray[np.float64], force_l: Floats, tolerance: float) -> list[Metric]:
