@@ -140,8 +140,8 @@ def _stretches(
     way = found.distance
     number = np.floor(way / params.length).astype(np.int64)
     step = found.speed * found.weight_s
-    for one in np.unique(number[counted]):
-        rows = np.flatnonzero(counted & (number == one))
+    every = np.flatnonzero(counted)
+    for rows in np.split(every, np.flatnonzero(np.diff(number[every])) + 1) if len(every) else ():
         length, weight = float(step[rows].sum()), found.weight_s[rows]
         if length < 0.5 * params.length:
             continue
@@ -149,8 +149,8 @@ def _stretches(
         roughness = float(np.sqrt((band[rows] ** 2 * weight).sum() / weight.sum()))
         yield {
             "t_ns": int(found.t_ns[rows[0]]),
-            "number": int(one),
-            "distance": float(one * params.length),
+            "number": int(number[rows[0]]),
+            "distance": float(number[rows[0]] * params.length),
             "length": length,
             "speed": speed,
             "roughness": roughness,

@@ -51,12 +51,11 @@ from recon import (
     with_meta,
 )
 from recon.agreement import agreement, as_metrics
-from recon.numerics.geodesy import SPHERE, WGS84, Anchor, geodetic_to_enu
+from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.signals import differentiate
-from recon.placing import moment
+from recon.placing import EARTHS, moment
 from recon_filters._plausible import drivable, reach, reported
 
-_EARTHS = {"wgs84": WGS84, "sphere": SPHERE}
 _ADDED = ("pos", "vel", "acc")
 _TWO_DIMENSIONAL = 2
 """Lowest value of the column fix at which a receiver claims to know where it is."""
@@ -188,7 +187,7 @@ def _positions(gnss: pa.Table, rows: NDArray[np.intp], params: GnssKinematicsPar
     height, notes = _heights(gnss, rows)
     anchor = Anchor(float(lat[0]), float(lon[0]), float(height[0]))
     pos = np.full((gnss.num_rows, 3), np.nan)
-    pos[rows] = geodetic_to_enu(lat, lon, height, anchor, _EARTHS[params.earth])
+    pos[rows] = geodetic_to_enu(lat, lon, height, anchor, EARTHS[params.earth])
     return Placed(anchor, pos, notes)
 
 

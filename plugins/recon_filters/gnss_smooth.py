@@ -48,10 +48,10 @@ from recon import (
     vector,
     warning,
 )
-from recon.numerics.geodesy import SPHERE, WGS84, enu_to_geodetic
+from recon.numerics.geodesy import enu_to_geodetic
 from recon.numerics.signals import differentiate
 from recon.numerics.spline import smoothing_spline
-from recon.placing import anchor_of, rows_during
+from recon.placing import EARTHS, anchor_of, rows_during
 
 _STIFFEST = 0.01
 """Of the density in motion, at rest: 1 cm/s^1.5 lets a spline that stands creep by 3 cm in 100 s."""
@@ -174,7 +174,7 @@ def _placed(gnss: pa.Table, rows: NDArray[np.intp]) -> pa.Table:
     if anchor is None:
         return gnss
     pos_n = matrix(gnss, "pos", gaps=True)[rows]
-    place = enu_to_geodetic(np.nan_to_num(pos_n), anchor, SPHERE if meta(gnss).get("earth") == "sphere" else WGS84)
+    place = enu_to_geodetic(np.nan_to_num(pos_n), anchor, EARTHS[meta(gnss).get("earth", "wgs84")])
     for name, values in zip(("lat", "lon", "height"), place, strict=True):
         if has(gnss, name):
             column = vector(gnss, name, gaps=True).copy()

@@ -17,6 +17,7 @@ from recon.tables import Array, vector
 from recon.units import duration_text
 from recon_readers import _delimited, _text_blocks, _time_text
 from recon_readers._columns import Columns
+from recon_readers._limits import MOST_FAULTY, USUAL_SIZE
 from recon_readers._physycom_json import read_records
 from recon_readers._physycom_layouts import (
     ACCEL,
@@ -54,14 +55,10 @@ _HINTS: Final = {
     **dict.fromkeys(ACCEL, "repair the line, or set 'gravity' to the acceleration that the file writes as 1"),
 }
 
-MOST_FAULTY: Final = 0.01
-"""Share of rows from which on a fault of the log is no longer a slip."""
 FEW: Final = 10
 """Values that may be missing from a column without a warning, if they are no larger share than that."""
 SAME_TIME_S: Final = 0.01
 """timestamp_rel as a float of 24 bits resolves 8 ms after a day."""
-USUAL_SIZE: Final = (0.5, 2.0)
-"""Median |a| of a vehicle in units of gravity."""
 
 
 @dataclass(frozen=True)

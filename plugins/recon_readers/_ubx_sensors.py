@@ -52,7 +52,7 @@ def clock_of(found: Messages, t_ns: Times, place: Places) -> tuple[int | None, l
     if not known.any():
         return None, [warning("no navigation message comes before those of the imu: its times count from its start")]
     zero_ns = int(np.max(t_ns[before[known]] - tag_ns[known]))
-    note = "UTC at which the receiver's clock was zero; imu and wheel may be late by its computing time"
+    note = "UTC at which the receiver's clock was zero; stamps of imu and wheel may be early by its computing time"
     return zero_ns, [Metric("clock_offset", zero_ns * 1e-9, "s", sigma=0.1, note=note)]
 
 

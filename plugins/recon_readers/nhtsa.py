@@ -110,7 +110,8 @@ def _description(path: Path) -> Path | None:
     if path.is_file() and path.suffix.lower() == ".ev5":
         return path
     if path.is_file() and not _ENDING.fullmatch(path.suffix):
-        return path if b"-- EV5 --" in path.read_bytes()[:4096] else None
+        with path.open("rb") as file:
+            return path if b"-- EV5 --" in file.read(4096) else None
     found = [part for part in (path if path.is_dir() else path.parent).iterdir() if part.suffix.lower() == ".ev5"]
     named = [part for part in found if path.is_dir() or part.stem == path.stem]
     return named[0] if len(named) == 1 else None

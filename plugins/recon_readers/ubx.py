@@ -10,9 +10,9 @@ velocity. Only rows whose time and fix the receiver calls valid count. Sentences
 reader.nmea.
 
 ESF messages carry the receiver's own clock in ms since its start. It is set to UTC by the navigation messages before
-them: the least delay seen is taken as none, so that imu may be late by what the receiver needs to compute (about 0.1 s;
-aligner.time_offset finds out). Accelerometers of some receivers read -g along an axis that points up (seen on an M8U):
-which one it is, the log does not tell, and without `at_rest` the imu is left out.
+them: the least delay seen is taken as none, so that stamps of imu may be early by what the receiver needs to compute
+(about 0.1 s; aligner.time_offset finds out). Accelerometers of some receivers read -g along an axis that points up, as
+seen on an M8U: which one it is, the log does not tell, and without `at_rest` the imu is left out.
 
 Payloads are decoded columnar from their layouts, not by a library one at a time.
 
