@@ -120,6 +120,7 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
         Metric("accel_bias_walk", noise.accel_walk, "m/s^2/sqrt(s)"),
         Metric("motion_sideways", noise.sideways, "m/s", note="of the wheels, mean of a second"),
         Metric("motion_upwards", noise.upwards, "m/s", note="of the wheels, mean of a second"),
+        Metric("road_bank", float(np.degrees(noise.bank)), "deg", note="sigma, mean of a stretch of road"),
     ]
     if np.isfinite(fixes.pos_sigma).any():
         rows += [

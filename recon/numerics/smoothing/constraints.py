@@ -4,13 +4,17 @@
     GNSS drift        c_k+1 = exp(-T / tau) c_k + n,  stationary, first-order Gauss-Markov
     standing          v = 0, and no rotation from knot to knot: the heading holds better than the tilt, which wind
                       and load change. A relation between knots, not "gyro = bias", which would use the gyro twice.
-    road              roads are level across on average: vehicle roll - k a_y = 0 for each stretch travelled
+    road              roads are level across on average: vehicle roll - k a_y = 0 for each stretch travelled. The faster
+                      a road is, the longer its bends and their banks: 3 m for each km/h of the design speed at least
 
 References
+    AASHTO (2018), "A policy on geometric design of highways and streets", 7th ed., section 3.3 (lengths of bends).
     Brown and Hwang (2012), 4th ed., section 4.2 (Gauss-Markov process).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,24 +98,36 @@ def relative_turn(state: State, k: NDArray[np.intp]) -> Floats:
     return rotation_log(mmt(state.rot_ns[..., k + 1], state.rot_ns[..., k]))
 
 
-def add_road(
-    normal: Normal,
+@dataclass(frozen=True)
+class Road:
+    """How the vehicle leans at the n knots at which it moves, which is how the road does.
+
+    k : (n,) knots; stretches : (n,) of road that each stands for; lateral : (n,) m/s^2
+    up, leaning : (3, n) local up, axes n and vehicle; bank : (n,) rad, of the road
+    """
+
+    k: NDArray[np.intp]
+    stretches: Floats
+    lateral: Floats
+    up: Floats
+    leaning: Floats
+    bank: Floats
+
+
+def road(
     state: State,
     gravity: GravityField,
     rate_s: Floats,
     still_knots: NDArray[np.bool_],
     length: Floats,
-    sigma: float,
-    stretch: float,
-) -> None:
-    """Add that the road is level across, once per stretch of road.
+    stretch: tuple[float, float],
+) -> Road:
+    """The road as a state has it.
 
-    rate_s : (3, N) rad/s at the knots, as logged; sigma : rad; stretch : m
+    rate_s : (3, N) rad/s at the knots, as logged; stretch : m and s, a stretch is the one plus speed times the other
     """
     speed = np.sqrt((state.vel_n**2).sum(axis=0)) * ~still_knots
     k = np.flatnonzero(speed > _MOVING)
-    if not len(k):
-        return
     each = np.zeros(state.knots)
     each[:-1] += 0.5 * length
     each[1:] += 0.5 * length
@@ -120,16 +136,28 @@ def add_road(
     leaning = np.einsum("ij,jn->in", state.rot_vs, mtv(state.rot_ns[..., k], up))
     turn_rate = np.einsum("ij,jn->in", state.rot_vs, rate_s[:, k] - state.gyro_bias[:, k])
     lateral = speed[k] * turn_rate[2]
-    error = leaning[1] - state.common[ROLL] * lateral
-    weight = speed[k] * each[k] / stretch * cauchy_weights((error / sigma) ** 2, _C2)
-    root = np.sqrt(weight) / sigma
-    to_vehicle = np.einsum("ij,kjn->ikn", state.rot_vs, state.rot_ns[..., k])
-    tall = np.zeros((len(k), 1, 8))
-    tall[:, 0, :3] = (cross(up, to_vehicle[1]) * -root).T
-    tall[:, 0, 3] = -lateral * root
-    tall[:, 0, 4:7] = (-skew(leaning)[1] * root).T
-    tall[:, 0, 7] = -error * root
-    normal.add_knots(ROTATION, slice(ROLL, MOUNT.stop), tall, k)
+    return Road(
+        k=k,
+        stretches=speed[k] * each[k] / (stretch[0] + stretch[1] * speed[k]),
+        lateral=lateral,
+        up=up,
+        leaning=leaning,
+        bank=leaning[1] - state.common[ROLL] * lateral,
+    )
+
+
+def add_road(normal: Normal, state: State, seen: Road, sigma: float) -> None:
+    """Add that the road is level across, once per stretch of road. sigma : rad"""
+    if not len(seen.k):
+        return
+    root = np.sqrt(seen.stretches * cauchy_weights((seen.bank / sigma) ** 2, _C2)) / sigma
+    to_vehicle = np.einsum("ij,kjn->ikn", state.rot_vs, state.rot_ns[..., seen.k])
+    tall = np.zeros((len(seen.k), 1, 8))
+    tall[:, 0, :3] = (cross(seen.up, to_vehicle[1]) * -root).T
+    tall[:, 0, 3] = -seen.lateral * root
+    tall[:, 0, 4:7] = (-skew(seen.leaning)[1] * root).T
+    tall[:, 0, 7] = -seen.bank * root
+    normal.add_knots(ROTATION, slice(ROLL, MOUNT.stop), tall, seen.k)
 
 
 def add_value(normal: Normal, knot: int, columns: slice, error: Floats, sigma: Floats | float) -> None:

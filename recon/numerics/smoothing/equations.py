@@ -11,7 +11,15 @@ from typing import Final
 import numpy as np
 
 from recon.numerics.smoothing.arrival import Arrival
-from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks
+from recon.numerics.smoothing.constraints import (
+    Road,
+    add_drift,
+    add_road,
+    add_standing,
+    add_value,
+    add_walks,
+    road,
+)
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.epochs import Epochs, Inside, Misclosure, misclosure
 from recon.numerics.smoothing.inertial import add_inertial, inertial_jacobian
@@ -72,7 +80,7 @@ class Equations(Prepared):
         )
         weights, sharpness = robust_weights(squared, loss, sharpness, count)
         weights = kept_together(*weights, self.epochs.fix >= 0)
-        self._assemble(state, gravity, count)
+        self._assemble(state, noise, gravity, count)
         add_walks(self.normal, state, self.disturbed.walk_s, noise.gyro_walk, noise.accel_walk)
         jacobian = inertial_jacobian(state, made.increments, gravity, self.earth_rate_n)
         add_inertial(self.normal, jacobian, made.white)
@@ -114,7 +122,11 @@ class Equations(Prepared):
         used = body.residual[2] != 0.0
         return body.residual[1:, used], np.stack([self.epochs.t_s, self.epochs.seconds])[:, used]
 
-    def _assemble(self, state: State, gravity: GravityField, count: int) -> None:
+    def road(self, state: State, gravity: GravityField) -> Road:
+        """The road as a state has it."""
+        return road(state, gravity, self.knot_rate, self.still_knots, self.length, self.model.road_stretch)
+
+    def _assemble(self, state: State, noise: Noise, gravity: GravityField, count: int) -> None:
         """The factors whose noise is given: stops, roads, aids, priors."""
         normal, model = self.normal, self.model
         normal.clear()
@@ -130,9 +142,7 @@ class Equations(Prepared):
             robust=count > 3,
         )
         if model.wheels:
-            add_road(
-                normal, state, gravity, self.knot_rate, self.still_knots, self.length, model.road, model.road_stretch
-            )
+            add_road(normal, state, self.road(state, gravity), noise.bank)
         for aid in self.aids:
             aid.add(normal, state, gravity)
         if self.arrival is not None:
@@ -149,7 +159,7 @@ class Equations(Prepared):
         ends = misclosure(state, increments, gravity, self.earth_rate_n)
         position, velocity, body = self._rows(state, ends, inside, solved.noise, robust=True)
         tall = inertial_jacobian(state, increments, gravity, self.earth_rate_n)
-        self._assemble(state, gravity, 4)
+        self._assemble(state, solved.noise, gravity, 4)
         lag = float(state.common[LAG])
         guessed = self.drive.fixes.small_only[self.epochs.fix] * solved.vel_weight
         add_measured(

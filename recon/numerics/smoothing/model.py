@@ -21,6 +21,7 @@ class Noise:
     drift : (3,) m, drift_tau : s, of the slow error of GNSS positions
     position, velocity : (3,) factors on the sigmas of the fixes
     sideways, upwards : m/s, motion of the wheels across their track, mean of a second
+    bank : rad, of the road, mean of a stretch
     """
 
     gyro: float
@@ -33,6 +34,7 @@ class Noise:
     velocity: Floats
     sideways: float = 0.05
     upwards: float = 0.05
+    bank: float = np.radians(1.5)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Model:
     wheels : does it roll on wheels, so that it moves forward only
     slip_growth : growth of the sigma of motion across with slip
     stop m/s, stop_heading, stop_tilt rad/sqrt(s) : how still a standing vehicle is
-    road rad, road_stretch m : bank of roads, and the length over which it changes
+    road_stretch : m and s, a bank of the road holds for the one plus the speed times the other
     first_attitude : (3, 3) n from sensor at the first knot, None where not known; first_attitude_sigma : (3,) rad,
         about axes n
     """
@@ -81,8 +83,7 @@ class Model:
     stop: float = 0.02
     stop_heading: float = 3e-5
     stop_tilt: float = 1e-4
-    road: float = np.radians(1.5)
-    road_stretch: float = 100.0
+    road_stretch: tuple[float, float] = (20.0, 10.0)
     first_attitude: Floats | None = None
     first_attitude_sigma: tuple[float, float, float] = (np.radians(1.0),) * 3
 

@@ -32,7 +32,8 @@ from recon.numerics.smoothing.band import (
     selected_inverse,
     solve_bordered,
 )
-from recon.numerics.smoothing.constraints import add_drift, add_walks
+from recon.numerics.smoothing.constraints import Road, add_drift, add_walks
+from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.inertial import HERE, THERE, add_inertial, whitening
 from recon.numerics.smoothing.model import Noise
 from recon.numerics.smoothing.normal import Normal
@@ -67,6 +68,9 @@ _ACROSS_LEAST, _ACROSS_MOST = np.array([0.01, 0.05]), 0.3
 """m/s, sideways and upwards. What a body heaves looks like a scale error of the accelerometer that points up, which a
 smaller sigma would believe.
 """
+_BANK, _BANK_LIKE = float(np.radians(1.5)), 2.0
+"""rad; what is expected of the bank of a stretch, and how many means that is worth."""
+_STRETCHES: Final = 5.0
 _STEPS: Final = 12
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
@@ -276,7 +280,23 @@ def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, 
     residual, (t_s, seconds) = smoother.sideways(solved)
     so_far = np.array([solved.noise.sideways, solved.noise.upwards])
     sideways, upwards = across_track(residual, t_s, seconds, so_far)
-    return replace(found, sideways=float(sideways), upwards=float(upwards))
+    lies = smoother.road(solved.state, GravityField.around(solved.state.pos_n, smoother.drive.anchor))
+    return replace(found, sideways=float(sideways), upwards=float(upwards), bank=bank_of_roads(lies))
+
+
+def bank_of_roads(lies: Road) -> float:
+    """Sigma of the bank of a stretch of road: rad.
+
+    What counts is how well a drive's mean is known, so means of _STRETCHES tell it, in which what lasts longer counts
+    in full. Their own mean is not seen, for the mounting takes it up. The prior is that of _BANK_LIKE means.
+    """
+    block = np.floor(np.cumsum(lies.stretches) / _STRETCHES).astype(np.intp)
+    rolled = np.bincount(block, lies.stretches)
+    counted = rolled > 0.5 * _STRETCHES
+    mean = np.bincount(block, lies.stretches * lies.bank)[counted] / rolled[counted]
+    size = float((mean**2 * rolled[counted]).sum())
+    seen = max(int(counted.sum()) - 1, 0)
+    return float(np.sqrt((_BANK_LIKE * _BANK**2 + size) / (_BANK_LIKE + seen)))
 
 
 def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats) -> Floats:

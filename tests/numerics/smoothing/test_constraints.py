@@ -10,7 +10,15 @@ import pytest
 from numpy.testing import assert_allclose
 from smoothing_drives import Linearised, Log, dense, derivatives, linearised
 
-from recon.numerics.smoothing.constraints import add_drift, add_road, add_standing, add_value, add_walks, relative_turn
+from recon.numerics.smoothing.constraints import (
+    add_drift,
+    add_road,
+    add_standing,
+    add_value,
+    add_walks,
+    relative_turn,
+    road,
+)
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import mtv
 from recon.numerics.smoothing.state import COMMON_SIZE, DRIFT, GYRO_BIAS, KNOT_SIZE, ROLL, State
@@ -121,17 +129,17 @@ def drive_axes(state: State, vector_n: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("roll", [0.0, 0.004], ids=["stiff", "leaning"])
 def test_roads_are_level_across_once_per_stretch(drive, roll):
-    sigma, stretch, length = 0.03, 100.0, drive.smoother.length
+    sigma, length = 0.03, drive.smoother.length
     state = drive.state.with_common(ROLL, roll)
     still = np.zeros(state.knots, bool)
     still[5] = True
     normal = Normal(state.knots)
-    add_road(normal, state, drive.gravity, drive.smoother.knot_rate, still, length, sigma, stretch)
+    add_road(normal, state, road(state, drive.gravity, drive.smoother.knot_rate, still, length, (20.0, 10.0)), sigma)
     speed = np.sqrt((state.vel_n**2).sum(axis=0)) * ~still
     each = 0.5 * (np.append(length, 0.0) + np.append(0.0, length))
     lean, lateral = leaning(drive, state)
     squared = ((lean - roll * lateral) / sigma) ** 2
-    weight = np.where(speed > 0.5, speed * each / stretch, 0.0) / (1.0 + squared / 9.0) / sigma**2
+    weight = np.where(speed > 0.5, speed * each / (20.0 + 10.0 * speed), 0.0) / (1.0 + squared / 9.0) / sigma**2
     tied = state  # velocity and gyro bias, which only scale the lateral acceleration, are held
 
     def rows(x: State) -> np.ndarray:
@@ -145,7 +153,8 @@ def test_roads_are_level_across_once_per_stretch(drive, roll):
 def test_nothing_is_said_of_roads_at_rest(drive):
     normal = Normal(drive.state.knots)
     still = np.ones(drive.state.knots, bool)
-    add_road(normal, drive.state, drive.gravity, drive.smoother.knot_rate, still, drive.smoother.length, 0.03, 100.0)
+    length, rate = drive.smoother.length, drive.smoother.knot_rate
+    add_road(normal, drive.state, road(drive.state, drive.gravity, rate, still, length, (20.0, 10.0)), 0.03)
     assert normal.cost == 0.0
     assert not normal.buffer.any()
 

@@ -12,7 +12,15 @@ from scipy.stats import chi2
 from smoothing_drives import Log, Simulated, simulate
 
 from recon.numerics.smoothing import Model, Noise, Smoother
-from recon.numerics.smoothing.noise import Likelihood, across_track, likely_noise, posterior, scaled_noise
+from recon.numerics.smoothing.constraints import Road
+from recon.numerics.smoothing.noise import (
+    Likelihood,
+    across_track,
+    bank_of_roads,
+    likely_noise,
+    posterior,
+    scaled_noise,
+)
 from recon.numerics.smoothing.start import start_state
 
 Floats = np.ndarray
@@ -202,3 +210,31 @@ def test_motion_across_is_believed_small_where_much_says_so_and_never_so_small_u
     assert_allclose(few, [0.05 / np.sqrt(2.0), 0.05], rtol=1e-3)
     nothing = across(calm[:5], calm[:5])
     assert_allclose(nothing, [0.05, 0.05], rtol=1e-12)
+
+
+def banked(sigma: float, stretches: int, lasts: int = 1) -> Road:
+    """Roads whose bank has a sigma in deg and lasts for so many stretches, four knots in each."""
+    bank = np.radians(np.random.default_rng(5).normal(0.0, sigma, stretches // lasts))
+    bank = np.repeat(bank, 4 * lasts)
+    none = np.zeros((3, len(bank)))
+    return Road(np.arange(len(bank)), np.full(len(bank), 0.25), np.zeros(len(bank)), none, none, bank)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 4.0])
+def test_the_bank_of_roads_is_that_which_their_mean_has(sigma):
+    # 400 means of five stretches tell a sigma to 3.5 %, next to a prior that is worth two; what lasts for five
+    # stretches is in each of them as uncertain as a bank of its own that is sqrt(5) times as large.
+    found = np.degrees([bank_of_roads(banked(sigma, 2000, lasts)) for lasts in (1, 5)])
+    expected = np.sqrt((2.0 * 1.5**2 + 399.0 * sigma**2 * np.array([1.0, 5.0])) / 401.0)
+    assert_allclose(found, expected, rtol=0.12)
+
+
+@pytest.mark.parametrize("stretches", [0, 2, 5])
+def test_a_bank_is_what_is_expected_of_roads_where_they_are_too_few(stretches):
+    # The mean of a single one is the roll of the mounting, which nothing else tells.
+    assert bank_of_roads(banked(0.0, stretches)) == pytest.approx(np.radians(1.5), rel=1e-12)
+
+
+def test_a_road_without_bank_is_found_to_be_one():
+    # Sigmas of the prior, 1.5 deg, and of what is seen, 0: two means and seven.
+    assert bank_of_roads(banked(0.0, 40)) == pytest.approx(np.radians(1.5) * np.sqrt(2.0 / 9.0), rel=1e-12)
