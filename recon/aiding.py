@@ -18,7 +18,8 @@ from recon.fixes import Observed
 from recon.numerics.barometer import pressure_height
 from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, rotate, slerp, to_rotvec
 from recon.numerics.smoothing import level_rotation, positions_n
-from recon.numerics.smoothing.aids import Aid, Climb, Direction, Ground, Rate
+from recon.numerics.smoothing.aids import Aid, Direction, Ground, Rate
+from recon.numerics.smoothing.climbs import Climb
 from recon.numerics.smoothing.soa import mtv
 from recon.numerics.steering import grips, single_track
 from recon.rows import Metric

@@ -8,21 +8,36 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import pytest
+from numpy.testing import assert_allclose
 
 from recon.numerics import rotation
 from recon.numerics.geodesy import Anchor
 from recon.numerics.motion.body import Springs, SprungBody
 from recon.numerics.motion.earth import OnEarth
 from recon.numerics.motion.traffic import traffic
-from recon.numerics.smoothing import Drive, Fixes, Model, Noise, Smoother, level_rotation, positions_n, regular_samples
+from recon.numerics.smoothing import (
+    Drive,
+    Fixes,
+    Model,
+    Noise,
+    Smoother,
+    estimate,
+    level_rotation,
+    positions_n,
+    regular_samples,
+)
+from recon.numerics.smoothing.aids import Aid
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.epochs import Inside, Misclosure, locate, misclosure
 from recon.numerics.smoothing.measurements import AtEpochs, at_epochs
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments
-from recon.numerics.smoothing.soa import mm, mv, rotation_exp
+from recon.numerics.smoothing.robust import cauchy_weights
+from recon.numerics.smoothing.soa import Floats, mm, mv, rotation_exp
 from recon.numerics.smoothing.state import (
     ACCEL_SCALE,
     COMMON_SIZE,
@@ -39,6 +54,8 @@ from recon.numerics.smoothing.state import (
     State,
 )
 
+# Central differences of a step of 1e-5, relative to the size of a column.
+DIFFERENCE = 1e-6
 PLACE = Anchor(48.0, 11.0, 500.0)
 
 
@@ -286,3 +303,28 @@ def linearised(log: Log, off: float = 0.0) -> Linearised:
     increments = smoother.increments(true)
     inside = locate(smoother.epochs, sim.drive.samples, increments)
     return Linearised(sim, smoother, state, increments, inside, GravityField.around(true.pos_n, log.place))
+
+
+def check_rows(drive: Linearised, aid: Aid, rows: Callable[[Any, State], Floats]) -> None:
+    """The factors are those of weighted rows, whose Jacobian is found by differences; weights are those of now."""
+    factors = aid.at(drive.smoother.drive.samples.knot_times)
+    normal = Normal(drive.state.knots)
+    factors.add(normal, drive.state, drive.gravity)
+    now = rows(factors, drive.state)
+    weight = np.sqrt(cauchy_weights((now**2).sum(axis=0), 9.0))
+    jacobian = derivatives(lambda state: rows(factors, state) * weight, drive.state)
+    jacobian = jacobian.reshape(-1, KNOT_SIZE * drive.state.knots + COMMON_SIZE)
+    matrix, right = dense(normal)
+    size = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-4 * np.abs(jacobian).max())
+    assert_allclose((matrix - jacobian.T @ jacobian) / np.outer(size, size), 0.0, atol=DIFFERENCE)
+    residual = (now * weight).ravel()
+    assert_allclose((right + jacobian.T @ residual) / size, 0.0, atol=DIFFERENCE * np.linalg.norm(residual))
+    assert normal.cost == pytest.approx(residual @ residual, rel=1e-9)
+
+
+def height_error(sim: Simulated, aids: tuple[Aid, ...]) -> Floats:
+    """Errors of the heights of the knots, (N,) m; GNSS says nothing of the vertical velocity."""
+    fixes = sim.drive.fixes
+    flat = replace(fixes, vel_sigma=np.where(np.arange(3)[:, None] == 2, np.inf, fixes.vel_sigma))
+    found = estimate(replace(sim.drive, fixes=flat, aids=aids), Model(), sim.log.noise, learn_noise=False)
+    return (found.solved.state.pos_n - sim.at(sim.drive.samples.knot_times).pos_n)[2]

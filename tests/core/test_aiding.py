@@ -10,7 +10,8 @@ from recon.aiding import AidTrust, aids_of
 from recon.fixes import Trust, observe
 from recon.numerics.barometer import height_pressure, pressure_height
 from recon.numerics.rotation import from_rotvec
-from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate
+from recon.numerics.smoothing.aids import Direction, Ground, Rate
+from recon.numerics.smoothing.climbs import Climb
 from recon.tables import matrix, replace, seconds, time_ns, vector
 from recon.testing.drives import Conditions, drive
 from recon_simulators.drive import simulate_drive

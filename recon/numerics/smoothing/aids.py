@@ -1,17 +1,16 @@
-"""What other sensors add to IMU and GNSS, as factors of knots: barometers, maps of heights, cameras, speeds, steering.
+"""What other sensors add to IMU and GNSS, as factors of knots: maps, cameras, speeds, steering. Barometers: `climbs`.
 
-    climb       up (p_k+1 - p_k)            - (1 + b) dh  dh from a barometer, between knots, b the error of its scale
     ground      n (p - p_g)                 = 0           on the plane of the ground below, normal n
     direction   E C^T u / |u|               = 0           E across the direction that a camera saw, C what its axes are
                                                           off by, u = R^T v + w x l its velocity, l its lever; sensor
     speed       |v|                         - (1 + k) s   s a speed along the way, k the error of its scale
     rate        a (gyro - b_g)              - r           r a turn rate about a, from a camera or from wheels
 
-Each aid is told in its own times, and `at` the knots it becomes factors. All are robust (Cauchy), for a barometer hears
-doors and tunnels, a map does not know bridges, and a camera follows other cars.
+Each aid is told in its own times, and `at` the knots it becomes factors. All are robust (Cauchy), for a map does not
+know bridges, and a camera follows other cars.
 
 References
-    Groves (2013), 2nd ed., sections 6.2 (barometric height), 13.1 (height aiding), 13.3 (visual navigation).
+    Groves (2013), 2nd ed., sections 13.1 (height aiding), 13.3 (visual navigation).
     Holland, Welsch (1977), Communications in Statistics A6(9) (Cauchy's weights).
 """
 
@@ -28,7 +27,6 @@ from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.soa import Floats, cross, mtv, rotation_exp
 from recon.numerics.smoothing.state import (
-    BARO,
     CAMERA,
     CAMERA_LEVER,
     GYRO_BIAS,
@@ -60,45 +58,6 @@ class Aid(Protocol):
 
     def at(self, knot_t_s: Floats) -> Factors:
         """The factors at knots (N,) s; those outside of the aid's times are without."""
-
-
-@dataclass(frozen=True)
-class Climb:
-    """Changes of height, from a barometer.
-
-    t_s : (m,) s, rising; height : (m,) m above whatever
-    white : m, sigma of the mean over two seconds; walk : m/sqrt(s), of the pressure of the air
-    """
-
-    t_s: Floats
-    height: Floats
-    white: float
-    walk: float
-
-    def at(self, knot_t_s: Floats) -> ClimbFactors:
-        """Differences of the means around neighbouring knots."""
-        count, (height,) = around(knot_t_s, self.t_s, self.height[None])
-        k = np.flatnonzero((count[1:] > 0) & (count[:-1] > 0))
-        variance = 2.0 * self.white**2 + self.walk**2 * np.diff(knot_t_s)[k]
-        return ClimbFactors(k, np.diff(height)[k], variance)
-
-
-@dataclass(frozen=True)
-class ClimbFactors:
-    """k : (n,) the knots before; rise : (n,) m; variance : (n,) m^2."""
-
-    k: NDArray[np.intp]
-    rise: Floats
-    variance: Floats
-
-    def add(self, normal: Normal, state: State, gravity: GravityField) -> None:
-        """Add the factors at a state."""
-        k = self.k
-        up = _up(gravity, k)
-        error = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0) - (1.0 + state.common[BARO]) * self.rise
-        root = np.sqrt(cauchy_weights(error**2 / self.variance, _C2) / self.variance)
-        tall = np.stack([*(-up * root), *(up * root), -self.rise * root, -error * root], axis=-1)[:, None]
-        normal.add_pairs(POSITION, slice(BARO, BARO + 1), tall, k)
 
 
 @dataclass(frozen=True)
@@ -300,12 +259,6 @@ def around(knot_t_s: Floats, t_s: Floats, rows: Floats) -> tuple[NDArray[np.intp
     total = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(rows, axis=1)], axis=1)
     count = stop - first
     return count, (total[:, stop] - total[:, first]) / np.maximum(count, 1)
-
-
-def _up(gravity: GravityField, k: NDArray[np.intp]) -> Floats:
-    """Local up at knots: (3, n), axes n."""
-    pull = gravity.value_n[:, k]
-    return np.asarray(-pull / np.sqrt((pull**2).sum(axis=0)))
 
 
 def _across(direction: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Barometer, ground, directions and turn rates against rows written out, their differences, and drives with truth."""
+"""Ground, directions and turn rates against rows written out, their differences, and drives with truth."""
 
 from __future__ import annotations
 
@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from smoothing_drives import Linearised, Log, dense, derivatives, linearised, simulate
+from smoothing_drives import Linearised, Log, check_rows, dense, height_error, linearised, simulate
 
 from recon.numerics.smoothing import Model, estimate
-from recon.numerics.smoothing.aids import Climb, Direction, Ground, Rate, Speed, around
+from recon.numerics.smoothing.aids import Direction, Ground, Rate, Speed, around
 from recon.numerics.smoothing.normal import Normal
-from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.soa import cross, mtv, rotation_exp
-from recon.numerics.smoothing.state import BARO, CAMERA, CAMERA_LEVER, COMMON_SIZE, KNOT_SIZE, VELOCITY, WHEEL
+from recon.numerics.smoothing.state import CAMERA, CAMERA_LEVER, KNOT_SIZE, VELOCITY, WHEEL
 
-# Central differences of a step of 1e-5, relative to the size of a column.
-DIFFERENCE = 1e-6
 SEEDS = range(1, 7)
 POOR = Log(seconds=200.0, kind="nonstop", gyro=np.radians(0.1), accel=0.1, gyro_walk=np.radians(5e-3), accel_walk=5e-3)
 
@@ -25,37 +22,6 @@ POOR = Log(seconds=200.0, kind="nonstop", gyro=np.radians(0.1), accel=0.1, gyro_
 @pytest.fixture(scope="module")
 def drive() -> Linearised:
     return linearised(Log(seconds=30.0, kind="nonstop", rest_s=3.0), off=0.01)
-
-
-def check(drive, aid, rows):
-    """The factors are those of weighted rows, whose Jacobian is found by differences; weights are those of now."""
-    factors = aid.at(drive.smoother.drive.samples.knot_times)
-    normal = Normal(drive.state.knots)
-    factors.add(normal, drive.state, drive.gravity)
-    now = rows(factors, drive.state)
-    weight = np.sqrt(cauchy_weights((now**2).sum(axis=0), 9.0))
-    jacobian = derivatives(lambda state: rows(factors, state) * weight, drive.state)
-    jacobian = jacobian.reshape(-1, KNOT_SIZE * drive.state.knots + COMMON_SIZE)
-    matrix, right = dense(normal)
-    size = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-4 * np.abs(jacobian).max())
-    assert_allclose((matrix - jacobian.T @ jacobian) / np.outer(size, size), 0.0, atol=DIFFERENCE)
-    residual = (now * weight).ravel()
-    assert_allclose((right + jacobian.T @ residual) / size, 0.0, atol=DIFFERENCE * np.linalg.norm(residual))
-    assert normal.cost == pytest.approx(residual @ residual, rel=1e-9)
-
-
-def test_a_barometer_tells_the_rise_between_knots(drive):
-    t_s = np.arange(0.05, 20.0, 0.1)
-    aid = Climb(t_s, 100.0 + 0.3 * np.sin(t_s), 0.1, 0.05)
-
-    def rows(factors, state):
-        k = factors.k
-        pull = drive.gravity.value_n[:, k]
-        up = -pull / np.linalg.norm(pull, axis=0)
-        rise = (up * (state.pos_n[:, k + 1] - state.pos_n[:, k])).sum(axis=0)
-        return ((rise - (1.0 + state.common[BARO]) * factors.rise) / np.sqrt(factors.variance))[None]
-
-    check(drive, aid, rows)
 
 
 def test_the_box_keeps_its_distance_from_the_ground(drive):
@@ -68,7 +34,7 @@ def test_the_box_keeps_its_distance_from_the_ground(drive):
         away = (factors.normal_n * (state.pos_n[:, factors.k] - factors.pos_n)).sum(axis=0)
         return (away / np.sqrt(factors.variance))[None]
 
-    check(drive, aid, rows)
+    check_rows(drive, aid, rows)
 
 
 def directions(truth, rng=None):
@@ -96,7 +62,7 @@ def test_a_camera_tells_the_direction_of_travel(drive):
         seen = np.einsum("aim,im->am", across, velocity(factors, state))
         return seen / np.maximum(fixed, 1.0) / np.sqrt(factors.variance) * (fixed > 1.0)
 
-    check(drive, aid, rows)
+    check_rows(drive, aid, rows)
 
 
 def test_a_state_that_moves_the_other_way_is_turned_round(drive):
@@ -126,7 +92,7 @@ def test_a_speed_tells_the_length_of_the_velocity(drive):
         error = speed - (1.0 + state.common[WHEEL]) * factors.speed
         return (error / 0.1 * (np.linalg.norm(drive.state.vel_n[:, factors.k], axis=0) > 1.0))[None]
 
-    check(drive, aid, rows)
+    check_rows(drive, aid, rows)
 
 
 def test_what_a_camera_is_turned_by_and_where_it_stands_is_found():
@@ -164,7 +130,7 @@ def test_another_sensor_of_turns_tells_the_bias_of_the_gyroscope(drive, one_axis
         error = (state.gyro_bias[:, factors.k] - factors.bias) / np.sqrt(factors.variance)
         return error if factors.axes_s is None else (factors.axes_s * error).sum(axis=0)[None]
 
-    check(drive, aid, rows)
+    check_rows(drive, aid, rows)
 
 
 def test_samples_count_for_the_knots_within_a_second():
@@ -172,30 +138,6 @@ def test_samples_count_for_the_knots_within_a_second():
     count, mean = around(np.array([0.0, 2.0, 5.0]), t_s, np.array([[1.0, 2.0, 3.0, 4.0, 5.0]]))
     assert count.tolist() == [3, 2, 0]
     assert mean.tolist() == [[2.0, 3.5, 0.0]]
-
-
-def height_error(sim, aids):
-    """Errors of the heights of the knots, (N,) m; GNSS says nothing of the vertical velocity."""
-    fixes = sim.drive.fixes
-    flat = replace(fixes, vel_sigma=np.where(np.arange(3)[:, None] == 2, np.inf, fixes.vel_sigma))
-    found = estimate(replace(sim.drive, fixes=flat, aids=aids), Model(), sim.log.noise, learn_noise=False)
-    return (found.solved.state.pos_n - sim.at(sim.drive.samples.knot_times).pos_n)[2]
-
-
-def test_a_barometer_lowers_the_error_of_climbs_and_its_jumps_do_no_harm():
-    """What all heights have in common GNSS alone can tell. Noise, a walk, and half a minute in a tunnel."""
-    gained = []
-    for seed in SEEDS:
-        sim = simulate(Log(seconds=400.0, seed=seed, drift=3.0, gnss_hz=0.5))
-        rng = np.random.default_rng(seed)
-        t_s = np.arange(0.0, 400.0, 0.2)
-        height = sim.at(t_s).pos_n[2] + 0.3 * rng.standard_normal(len(t_s))
-        height += np.cumsum(0.02 * np.sqrt(0.2) * rng.standard_normal(len(t_s)))
-        height[(t_s > 100.0) & (t_s < 130.0)] += 8.0
-        without, with_it = (height_error(sim, aids).std() for aids in ((), (Climb(t_s, height, 0.1, 0.02),)))
-        gained.append(with_it / without)
-    assert np.median(gained) < 0.6
-    assert np.max(gained) < 1.0
 
 
 def test_a_map_of_heights_lowers_the_error_and_a_bridge_is_let_go():
