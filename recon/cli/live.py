@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from recon.tables import Streams
 
 
+_LEAST_PAUSE_S: Final = 0.01
+"""s between two looks for more: without a pause it would do nothing but look."""
 _REASON_S: Final = 3.0
 """s between two words on what it is waiting for."""
 
@@ -58,25 +62,33 @@ def live(
 
     registry = registry_of(blocked, first_party_only)
     steps = following(Pipeline.from_file(pipeline), registry, overrides_of(settings))
-    waits, pause = _seconds("--lag", lag), _seconds("--every", every)
-    shown = _viewer(rerun, rrd)
-    session = Session(steps, source, out or Path("live.mcap"), waits, registry)
-    if session.resumed and not as_json:
-        console.write(f"going on with {session.result.path}")
-    if steps.left_out:
-        console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(steps.left_out)}")
-    stopped: KeyboardInterrupt | None = None
-    try:
-        _follow(session, _Teller(pause, as_json, shown), pause, until_end)
-    except KeyboardInterrupt as error:
-        stopped = error
-    finally:
-        session.close()
-        if shown is not None:
-            shown.close()
+    waits, pause = _seconds("--lag", lag, 0.0), _seconds("--every", every, _LEAST_PAUSE_S)
+    with _viewer(rerun, rrd) as shown:
+        session = Session(steps, source, out or Path("live.mcap"), waits, registry)
+        _tell_begin(session, pipeline, as_json)
+        stopped = _follow_until_stopped(session, _Teller(pause, as_json, shown), pause, until_end)
     _tell_end(session, stopped=stopped is not None)
     if stopped:
         raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
+
+
+def _follow_until_stopped(session: Session, teller: _Teller, pause: float, until_end: bool) -> KeyboardInterrupt | None:
+    """As `_follow`, and how the user stopped it; the result is made whole however it ends."""
+    try:
+        _follow(session, teller, pause, until_end)
+    except KeyboardInterrupt as error:
+        return error
+    finally:
+        session.close()
+    return None
+
+
+def _tell_begin(session: Session, pipeline: str, as_json: bool) -> None:
+    """What the user should know of a session that begins."""
+    if session.resumed and not as_json:
+        console.write(f"going on with {session.result.path}")
+    if left := session.steps.left_out:
+        console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(left)}")
 
 
 def _tell_end(session: Session, *, stopped: bool) -> None:
@@ -205,21 +217,29 @@ def _line(facts: dict[str, Any]) -> str:
     return "  ".join(parts)
 
 
-def _seconds(option: str, text: str) -> float:
+def _seconds(option: str, text: str, least: float) -> float:
     from recon.units import UnitError, parse_quantity
 
     try:
         value = parse_quantity(text, "s")
     except UnitError as error:
         raise ConfigError([Problem(Where(option), "bad-option", str(error), "write for example '10 s'")]) from error
-    if value < 0.0:
-        raise ConfigError([Problem(Where(option), "bad-option", f"{text} is negative", "write for example '10 s'")])
+    if value < least:
+        wrong = f"{text} is negative" if value < 0.0 else f"{text} is less than {least:g} s"
+        raise ConfigError([Problem(Where(option), "bad-option", wrong, "write for example '10 s'")])
     return value
 
 
-def _viewer(wanted: bool, file: Path | None) -> LiveView | None:
+@contextmanager
+def _viewer(wanted: bool, file: Path | None) -> Iterator[LiveView | None]:
+    """The view that is asked for, closed however the run ends."""
     if not wanted and file is None:
-        return None
+        yield None
+        return
     from recon.live.view import LiveView
 
-    return LiveView(file)
+    shown = LiveView(file)
+    try:
+        yield shown
+    finally:
+        shown.close()

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import recon
+from recon.cli.live import _viewer
+from recon.errors import StorageError
 from recon.live.session import Session, following
 from recon.pipeline import Pipeline
 from recon.registry import Registry
@@ -246,6 +248,32 @@ def test_a_pipeline_that_needs_the_whole_drive_is_refused(tmp_path):
     assert told.returncode == 2
     assert "cannot follow 'thesis'" in told.stderr
     assert "Traceback" not in told.stderr
+
+
+@pytest.mark.parametrize(("option", "told"), [("0 s", "less than 0.01 s"), ("-1 s", "negative")])
+def test_a_pause_of_no_length_is_refused_in_a_sentence(lines, option, told, tmp_path):
+    log = tmp_path / "log.txt"
+    log.write_text("\n".join(lines[:50]) + "\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "recon", "live", "best_accuracy", str(log), f"--every={option}"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["log.txt"]
+
+
+def test_a_live_view_is_whole_where_the_result_cannot_be_written(tmp_path):
+    rerun = pytest.importorskip("rerun_cli", reason="rerun-sdk is not installed")
+    assert rerun
+    rrd = tmp_path / "live.rrd"
+    with pytest.raises(StorageError), _viewer(wanted=False, file=rrd):
+        raise StorageError("the disk is full")
+    verified = subprocess.run(
+        [sys.executable, "-m", "rerun_cli", "rrd", "verify", str(rrd)], capture_output=True, check=False
+    )
+    assert verified.returncode == 0, verified.stderr
 
 
 def test_a_live_view_is_a_recording_that_rerun_verifies(lines, tmp_path):
