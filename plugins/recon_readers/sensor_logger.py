@@ -21,13 +21,12 @@ Reference: Sensor Logger, "Coordinate systems and units", github.com/tszheichoi/
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
@@ -36,16 +35,13 @@ from recon.parameters import setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS
 from recon.stages import Reader, Sniff
-from recon.tables import Array, Streams, vector
+from recon.tables import Array, Streams
 from recon_readers._phone_files import Files, files_of, header_of, is_zip, sheet_of
-from recon_readers._phone_streams import CIRCLE, WRITES, PhoneParams, Sensor, streams_of
+from recon_readers._phone_streams import WRITES, PhoneParams, Sensor, streams_of
+from recon_readers._sensor_logger_columns import ACCURACY, PLACE, XYZ, Made, pascals, place, timed, whole_ns, xyz
 from recon_readers._text_blocks import plain
-from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import moments
 
-XYZ: Final = ("x", "y", "z")
-PLACE: Final = ("latitude", "longitude", "altitude", "speed", "bearing")
-ACCURACY: Final = ("horizontalAccuracy", "verticalAccuracy", "speedAccuracy", "bearingAccuracy")
 MERGED: Final = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 FIELD: Final = ("mag_x", "mag_y", "mag_z")
 _MERGED_SENSORS: Final = (
@@ -53,11 +49,6 @@ _MERGED_SENSORS: Final = (
     ("gnss", "location", "lat"),
 )  # fmt: skip
 """Of a merged table: sensor, its title, and a column that it needs."""
-_KPA: Final = 200.0
-"""Below this a pressure cannot be in mbar where people drive."""
-
-_Made: TypeAlias = Callable[[Mapping[str, Array]], Mapping[str, Array]]
-"""Makes columns of a stream of those of a table."""
 
 
 class SensorLoggerParams(PhoneParams):
@@ -141,7 +132,7 @@ def _sensor(
     tables: dict[str, str],
     sensor: str,
     names: tuple[str, ...],
-    made: _Made,
+    made: Made,
     maybe: bool = False,
 ) -> Sensor | None:
     """What is made of the columns of a table, None where it is not there or empty."""
@@ -153,72 +144,22 @@ def _sensor(
         raise ReadFailed(sheet.path, f"it has no column '{missing[0]}'", line=1, hint="is it a table of Sensor Logger?")
     there = tuple(name for name in names if name in sheet.names)
     kinds = {"time": pa.string(), **dict.fromkeys(there, pa.float64())}
-    lines = sheet.lines(kinds, lambda table: _timed(table, whole_ns, made))
+    lines = sheet.lines(kinds, lambda table: timed(table, whole_ns, made))
     return Sensor(sensor, lines, lines.columns) if lines is not None else None
-
-
-def _timed(table: pa.Table, clock: Callable[[Any], tuple[Times, Mask]], made: _Made) -> dict[Any, NDArray[Any]]:
-    """Times, whether there is none, and what is made of the other columns of some rows."""
-    t_ns, good = clock(table["time"])
-    values = {name: vector(table, name, gaps=True) for name in table.column_names if name != "time"}
-    return {"time": t_ns, "missing": ~good, **made(values)}
-
-
-def _xyz(group: str, factor: float = 1.0) -> _Made:
-    """Makes a group of a stream of the columns x, y, z."""
-    return lambda values: {f"{group}_{axis}": factor * values[axis] for axis in XYZ}
-
-
-def whole_ns(texts: pa.ChunkedArray) -> tuple[Times, Mask]:
-    """Whole nanoseconds since 1970 of texts of digits, (n,), and which are such, (n,) bool."""
-    from pyarrow import compute
-
-    plain_texts = compute.fill_null(texts, "")
-    good = compute.match_substring_regex(plain_texts, r"^\d{1,18}$|^[1-8]\d{18}$")
-    t_ns = compute.if_else(good, plain_texts, "0").cast(pa.int64())
-    return np.asarray(t_ns.combine_chunks()), np.asarray(good.combine_chunks())
 
 
 def _plain_sensors(files: Files, tables: dict[str, str]) -> dict[str, Sensor]:
     """Gyroscope, magnetometer, barometer and receiver, whose units and signs are the same everywhere."""
     found: dict[str, Sensor | None] = {}
     for key, name, factor in (("gyro", "Gyroscope", 1.0), ("mag", "Magnetometer", 1e-6)):
-        found[key] = _sensor(files, tables, name, XYZ, _xyz(key, factor))
-        found[key] = found[key] or _sensor(files, tables, f"{name}Uncalibrated", XYZ, _xyz(key, factor))
+        found[key] = _sensor(files, tables, name, XYZ, xyz(key, factor))
+        found[key] = found[key] or _sensor(files, tables, f"{name}Uncalibrated", XYZ, xyz(key, factor))
     found["baro"] = _sensor(files, tables, "Barometer", ("pressure",), dict)
     if found["baro"]:
-        found["baro"].columns["pressure"] = _pascals(found["baro"].columns["pressure"])
+        found["baro"].columns["pressure"] = pascals(found["baro"].columns["pressure"])
     for name in ("LocationGps", "Location"):
-        found["gnss"] = found.get("gnss") or _sensor(files, tables, name, (*PLACE, *ACCURACY), _place, maybe=True)
+        found["gnss"] = found.get("gnss") or _sensor(files, tables, name, (*PLACE, *ACCURACY), place, maybe=True)
     return {key: sensor for key, sensor in found.items() if sensor is not None}
-
-
-def _pascals(pressure: Array) -> Array:
-    known = pressure[np.isfinite(pressure)]
-    return np.asarray(pressure * (1000.0 if len(known) and np.median(known) < _KPA else 100.0))
-
-
-def _place(values: Mapping[str, Array]) -> dict[str, Array]:
-    """Columns of gnss; what is negative where it cannot be is missing."""
-    named = {"latitude": "lat", "longitude": "lon", "altitude": "height", "speed": "speed", "bearing": "course"}
-    found = {column: values[name] for name, column in named.items() if name in values}
-    accuracy = {name: np.where(values[name] > 0.0, values[name], np.nan) for name in ACCURACY if name in values}
-    with np.errstate(invalid="ignore"):
-        if "height" in found and "verticalAccuracy" in values:
-            found["height"] = np.where(values["verticalAccuracy"] < 0.0, np.nan, found["height"])
-        if "speed" in found:
-            found["speed"] = np.where(found["speed"] < 0.0, np.nan, found["speed"])
-        if "course" in found:
-            told = (found["course"] >= 0.0) & np.isfinite(accuracy.get("bearingAccuracy", found["course"]))
-            found["course"] = np.where(told, np.radians(found["course"]), np.nan)
-    if "horizontalAccuracy" in accuracy:
-        wide = accuracy["horizontalAccuracy"] / CIRCLE
-        found |= {"pos_std_e": wide, "pos_std_n": wide}
-        found["pos_std_u"] = accuracy.get("verticalAccuracy", np.full(len(wide), np.nan))
-    if "speedAccuracy" in accuracy:
-        fast = accuracy["speedAccuracy"]
-        found |= {"vel_std_e": fast, "vel_std_n": fast, "vel_std_u": np.full(len(fast), np.nan)}
-    return found
 
 
 def _accel(
@@ -232,7 +173,7 @@ def _accel(
             "android (Metadata.csv, which belongs to the recording, would tell)"
         )
         return None, "specific_force", [warning(note)]
-    signed = _xyz("accel", phone.sign)
+    signed = xyz("accel", phone.sign)
     found = _sensor(files, tables, total, XYZ, signed)
     if found is not None:
         return found, "specific_force", []
@@ -240,7 +181,7 @@ def _accel(
     if found is not None and gravity is not None:
         return found, "specific_force", _add_gravity(found, gravity)
     unit = STANDARD_GRAVITY if phone.ios and not phone.standardised else 1.0
-    whole = _sensor(files, tables, raw, XYZ, _xyz("accel", unit * phone.sign))
+    whole = _sensor(files, tables, raw, XYZ, xyz("accel", unit * phone.sign))
     if whole is not None or found is None:
         return whole, "specific_force", []
     note = "only Accelerometer.csv is there, which is without gravity: record Total Acceleration or Gravity as well"
@@ -274,7 +215,7 @@ def _merged(files: Files) -> dict[str, Sensor]:
     sheet = sheet_of(files, name)
     wanted = [each for each in (*MERGED, *FIELD, "pressure", *PLACE, *ACCURACY) if each in sheet.names]
     kinds = {"time": pa.string(), **dict.fromkeys(wanted, pa.float64())}
-    lines = sheet.lines(kinds, lambda table: _timed(table, moments, _merged_columns))
+    lines = sheet.lines(kinds, lambda table: timed(table, moments, _merged_columns))
     if lines is None:
         return {}
     found = {}
@@ -289,7 +230,7 @@ def _merged(files: Files) -> dict[str, Sensor]:
                 title, lines, {**times, **{each: lines.columns.pop(each) for each in own if each != "time"}}
             )
     if "baro" in found:
-        found["baro"].columns["pressure"] = _pascals(found["baro"].columns["pressure"])
+        found["baro"].columns["pressure"] = pascals(found["baro"].columns["pressure"])
     return found
 
 
@@ -301,7 +242,7 @@ def _merged_columns(values: Mapping[str, Array]) -> dict[str, Array]:
         found |= {name: 1e-6 * values[name] for name in FIELD}
     if "pressure" in values:
         found["pressure"] = values["pressure"]
-    return {**found, **_place(values)} if values.keys() >= {"latitude", "longitude"} else found
+    return {**found, **place(values)} if values.keys() >= {"latitude", "longitude"} else found
 
 
 def sniff(path: Path, head: bytes) -> Sniff:
