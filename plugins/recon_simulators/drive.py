@@ -44,38 +44,30 @@ from recon import (
 from recon.errors import DataError
 from recon.numerics.geodesy import Anchor, geodetic_to_enu, normal_gravity
 from recon.numerics.motion import EarthTruth, Springs
-from recon.numerics.rotation import Floats, conjugate, from_euler, rotate
+from recon.numerics.rotation import Floats, conjugate, rotate
 from recon.schema import IMU_TRUTH, Schema
 from recon.utc import iso_ns
 from recon_simulators.baro_model import barometer
+from recon_simulators.drive_models import chosen, gnss_model_of, imu_model_of
 from recon_simulators.drive_params import DriveParams
 from recon_simulators.gnss_model import (
     GnssFixes,
     GnssModel,
-    MultipathModel,
     gnss_measurements,
     in_outage,
-    random_outages,
 )
 from recon_simulators.mag_model import MagModel, magnetometer
-from recon_simulators.noise import gauss_markov
-from recon_simulators.presets import NAMES, PLACED_OUTAGES, preset_value
+from recon_simulators.presets import NAMES
 from recon_simulators.route import Route, route_of
 from recon_simulators.sensor_model import (
-    ImuModel,
     TriadModel,
     TriadSamples,
     imu_measurements,
     imu_times,
     regular_times,
 )
+from recon_simulators.wheel_model import WHEELS, wheels
 
-_WHEELS: Final = (("front_left", 1, 1), ("front_right", 1, -1), ("rear_left", 0, 1), ("rear_right", 0, -1))
-"""Name; axles ahead of the rear one; side, positive to the left."""
-_CRAWL: Final = 0.3
-"""m/s."""
-_WANDERS_S: Final = 5.0
-"""s for which wind, bank and play hold the steering wheel aside."""
 _FIX, _SATELLITES = 3, 12
 _CLOCK: Final = {"time_scale": "UTC", "clock": "absolute"}
 _FIXES: Final = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix", "satellites")
@@ -97,14 +89,14 @@ def simulate_drive(params: DriveParams) -> Streams:
     shorter than its rest, a jitter beyond half a sample.
     """
     device, imu_noise, gnss_noise, outage_places, wheel_noise, iron, air = np.random.default_rng(params.seed).spawn(7)
-    values = {name: _chosen(params, name) for name in NAMES}
+    values = {name: chosen(params, name) for name in NAMES}
     springs = Springs(*(values[f"body_{name}"] for name in ("slip", "pitch", "roll", "bounce", "heave")))
     try:
         route = route_of(params, springs, values["rear_axle"])
-        imu_model = _imu_model(params, values, device)
+        imu_model = imu_model_of(params, values, device)
     except ValueError as error:
         raise DataError(str(error), "change the parameters of simulator.drive") from error
-    gnss_model = _gnss_model(params, values, route.duration_s, outage_places)
+    gnss_model = gnss_model_of(params, values, route.duration_s, outage_places)
     truth = route.at(imu_times(0.0, route.duration_s, imu_model, imu_noise))
     accel, gyro = imu_measurements(truth, imu_model, imu_noise)
     inertial = {"accel": (imu_model.accel, accel), "gyro": (imu_model.gyro, gyro)}
@@ -125,8 +117,18 @@ def simulate_drive(params: DriveParams) -> Streams:
         streams["mag"] = with_meta(build(MAG, time=_stamps(seen.t_s, params), mag=seen.field_s), **_CLOCK)
         streams["events"] = events([*found, *_disturbed(seen.model, params)])
         streams["metrics"] = metrics([*learnt, *seen.learnt])
+    return {**streams, **_wheel_and_baro(route, params, wheel_noise, air)}
+
+
+def _wheel_and_baro(
+    route: Route, params: DriveParams, wheel_noise: np.random.Generator, air: np.random.Generator
+) -> Streams:
+    """The streams wheel and baro, where their rates ask for them."""
+    streams: Streams = {}
     if params.wheel_rate is not None:
-        streams["wheel"] = _wheel(route, params.wheel_rate, params, wheel_noise)
+        t_s, rolled = wheels(route, params.wheel_rate, params, wheel_noise)
+        wheel = build(WHEEL.only(*rolled), time=_stamps(t_s, params), **rolled)
+        streams["wheel"] = with_meta(wheel, **_CLOCK)
     if params.baro_rate is not None:
         t_s, pressure = barometer(route, params.baro_rate, params, air)
         baro = build(BARO.only("pressure"), time=_stamps(t_s, params), pressure=pressure)
@@ -139,71 +141,6 @@ def _fixes(route: Route, model: GnssModel, rng: np.random.Generator) -> tuple[Gn
     stamps_s = regular_times(0.0, route.duration_s, model.rate_hz)
     place, motion = (route.at(stamps_s - lag_s) for lag_s in (model.lag_s, model.velocity_lag_s))
     return gnss_measurements(place, motion, model, rng), stamps_s
-
-
-def _chosen(params: DriveParams, name: str) -> Any:
-    """A value as given, else that of the preset."""
-    own = getattr(params, name)
-    return preset_value(params.sensors, name) if own is None else own
-
-
-def _imu_model(params: DriveParams, values: Mapping[str, Any], rng: np.random.Generator) -> ImuModel:
-    q_vs = from_euler(values["mount_yaw"], values["mount_pitch"], values["mount_roll"])
-    return ImuModel(
-        rate_hz=values["imu_rate"],
-        jitter_s=params.imu_jitter,
-        q_sv=tuple(conjugate(q_vs).tolist()),
-        accel=_triad("accel", params, values, rng),
-        gyro=_triad("gyro", params, values, rng),
-    )
-
-
-def _triad(sensor: str, params: DriveParams, values: Mapping[str, Any], rng: np.random.Generator) -> TriadModel:
-    """Three sensors, their constant biases and scale errors drawn from rng."""
-    bias, scale = (rng.normal(0.0, values[f"{sensor}_{error}"], 3).tolist() for error in ("bias", "scale"))
-    return TriadModel(
-        bias=tuple(bias),
-        bias_walk=values[f"{sensor}_bias_walk"],
-        instability=values[f"{sensor}_instability"],
-        correlation_s=params.instability_time,
-        noise_density=values[f"{sensor}_noise"],
-        vibration=values[f"{sensor}_vibration"],
-        band_hz=params.vibration_band,
-        scale=tuple(scale),
-        quantisation=values[f"{sensor}_quantisation"],
-        full_scale=values[f"{sensor}_full_scale"],
-    )
-
-
-def _gnss_model(
-    params: DriveParams, values: Mapping[str, Any], duration_s: float, rng: np.random.Generator
-) -> GnssModel:
-    outages = params.outages
-    if outages is None:
-        placed = PLACED_OUTAGES.get(params.sensors, ())
-        outages = tuple((share * duration_s, share * duration_s + length) for share, length in placed)
-    rate_hz = values["outage_rate"] if params.outages is None else params.outage_rate or 0.0
-    return GnssModel(
-        rate_hz=values["gnss_rate"],
-        slow_sigmas=(values["gnss_horizontal"], values["gnss_vertical"]),
-        correlation_s=values["gnss_correlation"],
-        white_sigmas=(values["gnss_white_horizontal"], values["gnss_white_vertical"]),
-        velocity_sigmas=(values["gnss_velocity"], values["gnss_velocity_vertical"]),
-        lever_arm_v=values["lever_arm"],
-        lag_s=params.gnss_lag,
-        velocity_lag_s=params.gnss_lag if params.gnss_velocity_lag is None else params.gnss_velocity_lag,
-        speed_step=params.gnss_speed_step,
-        course_step=params.gnss_course_step,
-        course_hold=params.gnss_course_hold,
-        multipath=MultipathModel(
-            share=values["multipath"],
-            size=values["multipath_size"],
-            length_s=values["multipath_length"],
-            single=values["multipath_single"],
-            velocity_sigmas=values["multipath_velocity"],
-        ),
-        outages=(*outages, *random_outages(rate_hz, params.outage_length, duration_s, rng)),
-    )
 
 
 def _gnss(fixes: GnssFixes, stamps_s: Floats, model: GnssModel, params: DriveParams) -> pa.Table:
@@ -237,41 +174,6 @@ def _disturbed(model: MagModel, params: DriveParams) -> Iterable[Event]:
     for foreign in model.disturbances:
         start_ns, end_ns = _stamps(np.array([foreign.start_s, foreign.stop_s]), params).tolist()
         yield Event(start_ns, end_ns, "magnetic_disturbance", float(np.linalg.norm(foreign.field_n)), "T")
-
-
-def _wheel(route: Route, rate_hz: float, params: DriveParams, rng: np.random.Generator) -> pa.Table:
-    t_s = regular_times(0.0, route.duration_s, rate_hz)
-    scale = 1.0 + params.wheel_scale * rng.standard_normal()
-    true = route.wheel_speed(t_s)
-    noise = np.where(true == 0.0, 0.0, params.wheel_noise * rng.standard_normal(len(t_s)))
-    columns = {"speed": scale * true + noise}
-    if params.steering:
-        columns |= _steered(route, t_s, true, scale, params, rng)
-    schema = WHEEL.only(*columns)
-    return with_meta(build(schema, time=_stamps(t_s, params), **columns), **_CLOCK)
-
-
-def _steered(
-    route: Route, t_s: Floats, speed: Floats, scale: float, params: DriveParams, rng: np.random.Generator
-) -> dict[str, Floats]:
-    """Angle of the steering wheel by the single-track model, and the speeds of the four wheels: (n,) each."""
-    rate = route.turn_rate(t_s)
-    curvature = rate * speed / (speed**2 + _CRAWL**2)  # at a crawl, where the rate says nothing, the wheels are ahead
-    front = np.arctan(params.wheelbase * curvature) + params.understeer * speed * rate
-    assert params.wheel_rate is not None
-    wander = params.steering_wander * gauss_markov((len(t_s), 1), params.wheel_rate, _WANDERS_S, rng)[:, 0]
-    white, offset = (
-        params.steering_noise * rng.standard_normal(len(t_s)),
-        params.steering_offset * rng.standard_normal(),
-    )
-    columns = {"steering_angle": params.steering_ratio * front + offset + wander + white}
-    for name, ahead, side in _WHEELS:
-        along, across = speed - side * 0.5 * params.track * rate, ahead * params.wheelbase * rate
-        rolled = np.sign(along) * np.hypot(along, across)
-        own = scale * (1.0 + params.tyre_scale * rng.standard_normal())
-        noise = np.where(rolled == 0.0, 0.0, params.wheel_noise * rng.standard_normal(len(t_s)))
-        columns[f"speed_{name}"] = own * rolled + noise
-    return columns
 
 
 def _reference(truth: EarthTruth, time: NDArray[np.int64], anchor: Anchor) -> pa.Table:
@@ -339,9 +241,9 @@ def _stamps(t_s: Floats, params: DriveParams) -> NDArray[np.int64]:
 def _plan(inputs: Mapping[str, Schema], params: DriveParams) -> dict[str, Schema]:
     """Fixes with vectors of velocity, a magnetometer, a barometer and wheels, only where they are asked for."""
     fixes = [name for name in _FIXES if name != "vel" or params.gnss_vector]
-    steered = ("steering_angle", *(f"speed_{name}" for name, *_ in _WHEELS)) if params.steering else ()
+    steered = ("steering_angle", *(f"speed_{name}" for name, *_ in WHEELS)) if params.steering else ()
     wheel = {"wheel": WHEEL.only("speed", *steered)} if params.wheel_rate is not None else {}
-    mag = {"mag": MAG} if _chosen(params, "mag_rate") else {}
+    mag = {"mag": MAG} if chosen(params, "mag_rate") else {}
     baro = {"baro": BARO.only("pressure")} if params.baro_rate is not None else {}
     return {**_WRITES, "gnss": GNSS.only(*fixes), **mag, **baro, **wheel}
 
