@@ -33,8 +33,9 @@ from recon.numerics.signals import median_rate
 from recon.schema import IMU, Change
 from recon.sensor_classes import NAMES, typical
 from recon.tables import Array, Streams, build, matrix, replace, time_ns
+from recon_analyzers._crash_measures import measures
 from recon_analyzers._pulse import LINEARITY, motion_of, pulse_at
-from recon_analyzers.crash import CrashParams, analyze_crash, measures
+from recon_analyzers.crash import CrashParams, analyze_crash
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
 from recon_fusers.map import MapParams, fuse_map
