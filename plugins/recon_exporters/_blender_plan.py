@@ -93,44 +93,57 @@ def plan(
     flat = np.array([1.0, 1.0, 1.0 if params.vertical else 0.0])
     motion = replace(motion, position=(motion.position - origin) * flat)
     position = motion.position[rows]
-    frame, anchor = film.frame_of(motion.t_ns[rows]), anchor_of(trajectory)
-    keys: dict[str, NDArray[Any]] = {
-        "time": motion.t_ns[rows],
-        "frame": frame,
-        "elapsed": film.elapsed(motion.t_ns[rows]),
-        "position": position,
-        "q": sign_continuous(motion.q[rows]),
-        "speed": np.linalg.norm(motion.velocity[rows], axis=1),
-        **{name: values[rows] for name, values in wheels(motion).items()},
-        "follow": follow(motion)[rows],
-    }
+    keys = _moving(motion, film, rows)
     outages = silences(gnss, motion.t_ns, params.max_gap)
     keys |= path_of(
         position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(motion.t_ns[rows], outages)
     )
     keys |= ground_of(keys["path_position"])
     datum = str(meta(trajectory).get("height_datum", ""))
-    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor, datum)
+    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor_of(trajectory), datum)
     keys |= _second(ghost, film, origin, flat, trajectory)
     found = happenings(events, outages if gnss is not None else [], film)
     scene = {
         "recon_scene": VERSION,
         "name": about.name,
         "fps": params.fps,
-        "frames": max(1, int(np.ceil(frame[-1]))),
-        "start": iso_8601(motion.t_ns[rows[:1]])[0].as_py(),
-        "time_scale": meta(trajectory).get("time_scale", ""),
-        "axes": "x east, y north, z up, m about the origin",
-        "origin": origin.tolist(),
-        "anchor": None if anchor is None else {"lat": anchor.lat, "lon": anchor.lon, "height": anchor.height},
-        "wheelbase": WHEELBASE,
-        "wheel_radius": WHEEL_RADIUS,
+        "frames": max(1, int(np.ceil(keys["frame"][-1]))),
+        **_about(trajectory, motion.t_ns[rows[:1]], origin),
         "markers": markers(found, film),
         "captions": captions(found, film, params.fps),
         "force": force(found, film, params.fps, streams),
         "warnings": list(about.warnings),
     }
     return scene, keys
+
+
+def _moving(motion: Motion, film: Film, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
+    """What moves the vehicle and the camera behind it, at the keys: rows (n,) of the motion."""
+    t_ns = motion.t_ns[rows]
+    return {
+        "time": t_ns,
+        "frame": film.frame_of(t_ns),
+        "elapsed": film.elapsed(t_ns),
+        "position": motion.position[rows],
+        "q": sign_continuous(motion.q[rows]),
+        "speed": np.linalg.norm(motion.velocity[rows], axis=1),
+        **{name: values[rows] for name, values in wheels(motion).items()},
+        "follow": follow(motion)[rows],
+    }
+
+
+def _about(trajectory: pa.Table, start_ns: Times, origin: Array) -> Json:
+    """Clock, axes, places and sizes. start_ns : (1,); origin : (3,) m, local"""
+    anchor = anchor_of(trajectory)
+    return {
+        "start": iso_8601(start_ns)[0].as_py(),
+        "time_scale": meta(trajectory).get("time_scale", ""),
+        "axes": "x east, y north, z up, m about the origin",
+        "origin": origin.tolist(),
+        "anchor": None if anchor is None else {"lat": anchor.lat, "lon": anchor.lon, "height": anchor.height},
+        "wheelbase": WHEELBASE,
+        "wheel_radius": WHEEL_RADIUS,
+    }
 
 
 def motion_of(trajectory: pa.Table) -> Motion:

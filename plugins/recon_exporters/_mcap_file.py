@@ -19,7 +19,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -44,6 +44,10 @@ _LEVEL: Final = 1
 """Of zstd: the higher ones make these files 3 % smaller and take three times as long."""
 _WORKERS: Final = 3
 """Threads that encode; a fourth beside the one that writes waits for the interpreter's lock, and all are slower."""
+
+
+Metadata: TypeAlias = Mapping[str, Mapping[str, str]]
+"""Facts by the name of a record of metadata."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ def write_file(
     channels: Sequence[Channel],
     *,
     library: str,
-    metadata: Mapping[str, Mapping[str, str]],
+    metadata: Metadata,
     attachments: Sequence[Attachment],
 ) -> None:
     """Write a whole file; equal channels give equal bytes. Chunks are encoded side by side and written in order."""
@@ -152,10 +156,7 @@ def _bytes_of(*records: McapRecord) -> bytes:
 
 
 def _write_beginning(
-    out: _Out,
-    channels: Sequence[Channel],
-    metadata: Mapping[str, Mapping[str, str]],
-    attachments: Sequence[Attachment],
+    out: _Out, channels: Sequence[Channel], metadata: Metadata, attachments: Sequence[Attachment]
 ) -> list[McapRecord]:
     """Write all but messages; what the summary says of it. Schema and channel number n belong to channels[n - 1]."""
     from mcap import records
@@ -251,10 +252,7 @@ def _write_chunk(out: _Out, chunk: _Chunk) -> ChunkIndex:
 
 
 def _statistics(
-    channels: Sequence[Channel],
-    metadata: Mapping[str, Mapping[str, str]],
-    attachments: Sequence[Attachment],
-    chunks: int,
+    channels: Sequence[Channel], metadata: Metadata, attachments: Sequence[Attachment], chunks: int
 ) -> McapRecord:
     from mcap.records import Statistics
 
@@ -275,17 +273,8 @@ def _statistics(
 
 def _ordered(summary: Iterable[McapRecord], statistics: McapRecord) -> list[McapRecord]:
     """Records of the summary in groups of one kind, schemas before the channels that name them."""
-    from mcap import records
-
-    kinds = (
-        records.Schema,
-        records.Channel,
-        records.Statistics,
-        records.ChunkIndex,
-        records.AttachmentIndex,
-        records.MetadataIndex,
-    )
-    return sorted([*summary, statistics], key=lambda record: kinds.index(type(record)))
+    kinds = ("Schema", "Channel", "Statistics", "ChunkIndex", "AttachmentIndex", "MetadataIndex")
+    return sorted([*summary, statistics], key=lambda record: kinds.index(type(record).__name__))
 
 
 def _write_end(out: _Out, summary: Iterable[McapRecord]) -> None:

@@ -103,15 +103,7 @@ def resample(
     gap_ns, gnss_gap_ns = round(params.max_gap * 1e9), round(params.gnss_max_gap * 1e9)
     t_ns, rate, base = _time_base(time_ns(imu), clock, params.rate, gap_ns)
     filled = _onto(t_ns, imu, gap_ns, rate)
-    groups = [group for group in ("accel", "gyro") if has(imu, group)]
-    complete = np.ones(len(t_ns), dtype=bool)
-    for group in groups:
-        complete &= np.isfinite(matrix(filled, group, gaps=True)).all(axis=1)
-    if imu.num_rows and len(t_ns) and not complete.any():
-        raise DataError(
-            f"imu tells {' and '.join(groups)} within {params.max_gap:g} s at none of {len(t_ns)} times",
-            "do both sensors run, and at the same time? 'recon inspect' shows how many values are missing",
-        )
+    complete = _complete(filled, imu, params)
     streams = {"imu": select_rows(filled, complete)}
     for name, table, gap in (("attitude", attitude, gap_ns), ("trajectory", trajectory, gap_ns)):
         if table is not None:
@@ -126,6 +118,20 @@ def resample(
         *(row for group in ("accel", "gyro") for row in _completed(imu, group)),
     ]
     return {**streams, "metrics": metrics(learnt)}
+
+
+def _complete(filled: pa.Table, imu: pa.Table, params: ResampleParams) -> NDArray[np.bool_]:
+    """Rows in which all sensors of the imu are known: (n,). Raises DataError where there is none."""
+    groups = [group for group in ("accel", "gyro") if has(imu, group)]
+    complete = np.ones(filled.num_rows, dtype=bool)
+    for group in groups:
+        complete &= np.isfinite(matrix(filled, group, gaps=True)).all(axis=1)
+    if imu.num_rows and len(complete) and not complete.any():
+        raise DataError(
+            f"imu tells {' and '.join(groups)} within {params.max_gap:g} s at none of {len(complete)} times",
+            "do both sensors run, and at the same time? 'recon inspect' shows how many values are missing",
+        )
+    return complete
 
 
 def _time_base(

@@ -86,15 +86,21 @@ def fresh_rows(
     learnt = [
         Metric("rows_used", float(used.sum()), method=mapping.stream, note=f"of {n} rows" + f"; {told}" * bool(told)),
         Metric("fill", method=mapping.stream, note=how),
+        *_dropped(sheet, mapping.stream, faults, late),
     ]
-    if faults.any():
-        what = f"time is missing, repeats or runs backwards in {int(faults.sum())} of {n} rows"
-        first = f"first in line {sheet.place(int(faults.argmax()), 0)[0]}"
-        learnt.append(Metric("rows_dropped", float(faults.sum()), method=mapping.stream, note=f"{what}, {first}"))
-        for name, mask in (("rows_of_one_time", faults & ~late), ("rows_out_of_order", faults & late)):
-            learnt += [Metric(name, float(mask.sum()), method=mapping.stream)] * bool(mask.any())
-        learnt.append(warning(f"dropped from {sheet.path.name}, {mapping.stream}: {what}, {first}"))
     return Fresh(rows, tuple(learnt))
+
+
+def _dropped(sheet: Sheet, stream: str, faults: Mask, late: Mask) -> list[Metric]:
+    """What is to be told of rows (n,) that are dropped, those among them whose time is missing or runs backwards."""
+    if not faults.any():
+        return []
+    what = f"time is missing, repeats or runs backwards in {int(faults.sum())} of {len(faults)} rows"
+    first = f"first in line {sheet.place(int(faults.argmax()), 0)[0]}"
+    learnt = [Metric("rows_dropped", float(faults.sum()), method=stream, note=f"{what}, {first}")]
+    for name, mask in (("rows_of_one_time", faults & ~late), ("rows_out_of_order", faults & late)):
+        learnt += [Metric(name, float(mask.sum()), method=stream)] * bool(mask.any())
+    return [*learnt, warning(f"dropped from {sheet.path.name}, {stream}: {what}, {first}")]
 
 
 def valid_rows(sheet: Sheet, valid: Valid, cells: Cells) -> Mask:

@@ -190,9 +190,8 @@ class Intake:
         if not len(t_ns):
             t_ns = collector.times("")
             if len(t_ns):
-                self.learnt.append(
-                    warning(f"{name}: no message has a time of measurement: those of recording are taken")
-                )
+                note = f"{name}: no message has a time of measurement: those of recording are taken"
+                self.learnt.append(warning(note))
         wanted = self.wanted.of(part.kind.stream, part.kind.columns)
         columns = {column: collector.numbers(part.path + part.kind.columns[column]) for column in wanted}
         columns |= {path: collector.numbers(part.path + path) for path in part.kind.beside}
@@ -256,9 +255,7 @@ class Intake:
                     hint = did_you_mean(name, self.topics) or f"its topics are {_some(sorted(self.topics))}"
                     raise ReadFailed(self.path, f"it has no topic '{name}'", hint=hint)
                 if not any(part.kind.stream == stream for part in topic.parts):
-                    fitting = sorted(
-                        key for key, kinds in KINDS.items() if any(kind.stream == stream for kind in kinds)
-                    )
+                    fitting = sorted(key for key, kinds in KINDS.items() if any(k.stream == stream for k in kinds))
                     hint = f"{stream} is read from {', '.join(fitting)}"
                     raise ReadFailed(self.path, f"{name} ({topic.type}) holds nothing for {stream}", hint=hint)
 
