@@ -57,6 +57,10 @@ MAX_SILENCE_S = 0.5
 """No window holds a longer gap of imu."""
 FEWEST_WINDOWS = 3
 """From which a direction is found."""
+_TOO_SLOW = (
+    "so few tell no motion, whatever the yaw of the box: log imu at 10 Hz or more, or take the pipeline 'gnss', "
+    "which needs none"
+)
 LAUNCH_S = (-1.0, 3.0)
 """Span about the end of a stop in which the vehicle sets off; detectors fed by a late GNSS tell the end late."""
 
@@ -162,7 +166,8 @@ def _straight_windows(imu: pa.Table, params: ForwardParams) -> Windows:
     middle_s = _middles(t_s, params.window)
     if not len(middle_s):
         needed = f"rows at most {MAX_SILENCE_S:g} s apart for {params.window:g} s"
-        raise _not_enough("samples of imu", needed, f"rows {np.median(np.diff(t_s)):.3g} s apart")
+        found = f"rows {np.median(np.diff(t_s)):.3g} s apart"
+        raise NotEnoughData("samples of imu", needed=needed, found=found, hint=_TOO_SLOW)
     accel_l = _means(t_s, matrix(imu, "accel")[:, :2], middle_s, params.window)
     yaw_rate = _means(t_s, vector(imu, "gyro_z")[:, None], middle_s, params.window)[:, 0]
     straight = np.abs(yaw_rate) < params.straight

@@ -162,8 +162,11 @@ def test_rows_a_second_apart_are_called_that(with_speed):
     imu = box(city(), 120.0, 0.0)
     every_second = imu.take(np.arange(0, imu.num_rows, round(imu.num_rows / 120.0)))
     gnss = speed_of(city(), 120.0) if with_speed else None
-    with pytest.raises(NotEnoughData, match=r"samples of imu: needs rows at most 0.5 s apart for 1 s, found rows 1 s"):
+    with pytest.raises(
+        NotEnoughData, match=r"samples of imu: needs rows at most 0.5 s apart for 1 s, found rows 1 s"
+    ) as caught:
         forward(imu=every_second, gnss=gnss, events=STOP, params=ForwardParams())
+    assert "pipeline 'gnss'" in caught.value.hint
 
 
 @pytest.mark.parametrize("with_speed", [True, False])
