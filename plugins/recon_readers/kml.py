@@ -29,6 +29,8 @@ from recon_readers._track_xml import Points, number, parse
 
 MOST_POINTS: Final = 4096
 """Of a track are kept before they are paired."""
+_VIEWS: Final = ("LookAt", "Camera")
+"""From where a placemark is looked at: times and altitudes in it are those of the eye."""
 _KML: Final = re.compile(rb"<(?:\w+:)?kml[\s>]")
 
 
@@ -38,16 +40,22 @@ class _Tracks:
     def __init__(self) -> None:
         self.points = Points(("lat", "lon", "height"))
         self.count = self.drawn = 0
-        self._inside = self._absolute = False
+        self._inside = self._absolute = self._view = False
         self._whens: list[str] = []
         self._coords: list[str] = []
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
         if name in ("Track", "Placemark"):
             self._begin(inside=name == "Track")
+        elif name in _VIEWS:
+            self._view = True
 
     def end(self, name: str, text: str) -> None:
-        if name == "altitudeMode":
+        if name in _VIEWS:
+            self._view = False
+        elif self._view:
+            return
+        elif name == "altitudeMode":
             self._absolute = text == "absolute"
         elif name == "when":
             self._whens.append(text)

@@ -49,6 +49,20 @@ def test_placemarks_with_a_time_are_points(tmp_path: Path) -> None:
     assert "height" not in gnss.column_names  # on the ground, where the altitude means nothing
 
 
+@pytest.mark.parametrize("view", ["LookAt", "Camera"])
+def test_the_view_of_a_placemark_tells_neither_its_time_nor_its_height(tmp_path: Path, view: str) -> None:
+    seen = "<gx:TimeStamp><when>2020-01-01T00:00:00Z</when></gx:TimeStamp><altitudeMode>absolute</altitudeMode>"
+    places = "".join(
+        f"<Placemark><{view}>{seen}</{view}><TimeStamp><when>2025-10-08T10:00:0{n}Z</when></TimeStamp>"
+        f"<Point><coordinates>11.3,44.5{n},0</coordinates></Point></Placemark>"
+        for n in range(3)
+    )
+    gnss = read(tmp_path, f'<kml xmlns:gx="x">{places}</kml>')["gnss"]
+    assert np.diff(time_ns(gnss)).tolist() == [10**9, 10**9]
+    assert str(gnss["time"][0]).startswith("2025-10-08 10:00:00")
+    assert "height" not in gnss.column_names
+
+
 def test_times_and_places_that_alternate_are_paired(tmp_path: Path) -> None:
     pairs = "".join(f"<when>2025-10-08T10:00:0{n}Z</when><gx:coord>11 4{n} 0</gx:coord>" for n in range(4))
     gnss = read(tmp_path, f'<kml xmlns:gx="x"><Placemark><gx:Track>{pairs}</gx:Track></Placemark></kml>')["gnss"]
