@@ -92,15 +92,12 @@ def plan(
     origin = motion.position[rows[0]]
     flat = np.array([1.0, 1.0, 1.0 if params.vertical else 0.0])
     motion = replace(motion, position=(motion.position - origin) * flat)
-    position = motion.position[rows]
-    keys = _moving(motion, film, rows)
+    keys, t_ns, position = _moving(motion, film, rows), motion.t_ns[rows], motion.position[rows]
     outages = silences(gnss, motion.t_ns, params.max_gap)
-    keys |= path_of(
-        position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(motion.t_ns[rows], outages)
-    )
+    keys |= path_of(position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(t_ns, outages))
     keys |= ground_of(keys["path_position"])
     datum = str(meta(trajectory).get("height_datum", ""))
-    keys |= fixes_of(gnss, film.shows, motion.t_ns[rows], position, origin, anchor_of(trajectory), datum)
+    keys |= fixes_of(gnss, film.shows, t_ns, position, origin, anchor_of(trajectory), datum)
     keys |= _second(ghost, film, origin, flat, trajectory)
     found = happenings(events, outages if gnss is not None else [], film)
     scene = {
@@ -108,7 +105,7 @@ def plan(
         "name": about.name,
         "fps": params.fps,
         "frames": max(1, int(np.ceil(keys["frame"][-1]))),
-        **_about(trajectory, motion.t_ns[rows[:1]], origin),
+        **_about(trajectory, t_ns[:1], origin),
         "markers": markers(found, film),
         "captions": captions(found, film, params.fps),
         "force": force(found, film, params.fps, streams),

@@ -41,6 +41,7 @@ AGAIN: Final = "copy the log from the autopilot or the ground station again"
 
 
 def from_flash(log: Log) -> Streams:
+    """The streams of a DataFlash log that are wanted. Raises ReadFailed, NothingUsable where it holds none."""
     names = {name for stream, kinds in _KINDS.items() if log.wants(stream) for name in kinds}
     found = _dataflash.walk(log.path, {*names, "GPS"})
     tables = found.tables()

@@ -43,6 +43,7 @@ _ARDUPILOT: Final = 3
 
 
 def from_telemetry(log: Log) -> Streams:
+    """The streams of a telemetry log that are wanted. Raises NothingUsable where it holds none."""
     wanted = {name: fields.split() for name, fields in _CLOCKS.items()}
     for stream, sent in _SENT.items():
         for name, fields in sent.items() if log.wants(stream) else ():

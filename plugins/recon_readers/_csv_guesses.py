@@ -177,6 +177,7 @@ def axes_of(accel: Group) -> list[tuple[str, str]]:
 
 
 def gnss_groups(looks: Sequence[Look], times: Sequence[TimeLook]) -> list[Group]:
+    """What a receiver reports, by the words of the header; speed alone where no columns can be a place."""
     found: dict[str, Look] = {}
     for name, pattern in _SCALARS.items():
         for look in looks:

@@ -110,6 +110,7 @@ def ros_language(
 
 
 def unread(messages: Sequence[bytes], paths: Collection[str]) -> tuple[dict[str, Array], Mask]:
+    """`Language.read` of messages that nobody understands: (n,) NaN by path, none of them whole."""
     return {path: np.full(len(messages), np.nan) for path in paths}, np.zeros(len(messages), dtype=bool)
 
 

@@ -46,6 +46,7 @@ def whole_ns(texts: pa.ChunkedArray) -> tuple[Times, Mask]:
 
 
 def pascals(pressure: Array) -> Array:
+    """Pressures (n,) in Pa of such in mbar, or in kPa where their median cannot be mbar."""
     known = pressure[np.isfinite(pressure)]
     return np.asarray(pressure * (1000.0 if len(known) and np.median(known) < _KPA else 100.0))
 

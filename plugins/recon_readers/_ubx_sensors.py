@@ -85,6 +85,10 @@ def _data(found: Messages, params: UbxParams) -> tuple[Times, NDArray[np.int64],
 
 
 def imu(path: Path, found: Messages, zero_ns: int | None, params: UbxParams) -> Made:
+    """The stream imu, m/s^2 and rad/s along the receiver's axes, None where an axis or its sense is missing.
+
+    zero_ns : as of `clock_of`; None leaves the times of the receiver
+    """
     t_ns, kind, value = _data(found, params)
     learnt = []
     if found.raw(ESF_RAW) and params.raw_tick is None:
@@ -112,6 +116,7 @@ def imu(path: Path, found: Messages, zero_ns: int | None, params: UbxParams) -> 
 
 
 def wheel(path: Path, found: Messages, zero_ns: int | None) -> Made:
+    """The stream wheel, m/s, None where no message tells a speed. zero_ns : as of `clock_of`"""
     t_ns, kind, value = _data(found, UbxParams())
     times, speed = _series(t_ns[kind == SPEED], value[kind == SPEED])
     if not len(times):
