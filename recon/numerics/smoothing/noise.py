@@ -62,12 +62,14 @@ _KEPT: Final = np.array([1.0, 0.9733, 0.9494, 0.9178])
 are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
 """
 _LASTING_S: Final = 20.0
-_ACROSS, _ACROSS_LIKE = 0.05, 2.0
-"""m/s; what is expected of motion across the track, and how many means that is worth."""
-_ACROSS_LEAST, _ACROSS_MOST = np.array([0.01, 0.05]), 0.3
-"""m/s, sideways and upwards. What a body heaves looks like a scale error of the accelerometer that points up, which a
-smaller sigma would believe.
+_ACROSS, _ACROSS_LIKE = np.array([0.05, 0.02]), 2.0
+"""m/s, sideways and upwards; what is expected of motion across the track, and how many means that is worth."""
+_BELIEVED: Final = np.array([1.0, 2.5])
+"""How many times its size is the sigma. What a body heaves the accelerometer feels, too, so that it looks like a scale
+error of the one that points up, which a smaller sigma would believe.
 """
+_ACROSS_LEAST, _ACROSS_MOST = 0.01, 0.3
+"""m/s."""
 _BANK, _BANK_LIKE = float(np.radians(1.5)), 2.0
 """rad; what is expected of the bank of a stretch, and how many means that is worth."""
 _STRETCHES: Final = 5.0
@@ -312,8 +314,8 @@ def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats)
     counted = rolled > 0.5 * _LASTING_S
     sums = np.array([np.bincount(block, axis * np.sqrt(seconds)) for axis in residual]).reshape(2, -1)[:, counted]
     size = so_far**2 * (sums**2 / rolled[counted]).sum(axis=1)
-    sigma = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.shape[1]))
-    return np.asarray(np.clip(sigma, _ACROSS_LEAST, _ACROSS_MOST))
+    found = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.shape[1]))
+    return np.asarray(np.clip(_BELIEVED * found, _ACROSS_LEAST, _ACROSS_MOST))
 
 
 def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[[Floats], tuple[float, Floats]]:
