@@ -9,6 +9,8 @@ import re
 from datetime import UTC, datetime
 from typing import Final
 
+LATEST_NS: Final = 2**62
+"""ns since 1970 beyond which, or as far before, no log begins: the year 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _FRACTION: Final = re.compile(r"([\dW-]+\D[\d:]+)[.,](\d+)(.*)")
 """A date, a separator and a time of day; the digits behind its seconds; the zone."""
@@ -25,6 +27,17 @@ def iso_ns(text: str, zone: int = 0) -> int:
     since = moment.replace(tzinfo=moment.tzinfo or UTC) - _EPOCH
     fraction = int(found[2][:9].ljust(9, "0")) if found else since.microseconds * 1000
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + fraction - (0 if moment.tzinfo else zone)
+
+
+def start_ns(text: str, zone: int = 0) -> int:
+    """As `iso_ns`, of the time at which a log begins: within 146 years of 1970, so that sums with it fit into 64 bits.
+
+    Raises ValueError for another time, too.
+    """
+    found = iso_ns(text, zone)
+    if abs(found) >= LATEST_NS:
+        raise ValueError(f"'{text:.40}' is too far from 1970 for the clock of a log")
+    return found
 
 
 def zone_ns(text: str) -> int:

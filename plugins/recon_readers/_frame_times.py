@@ -16,6 +16,7 @@ from decimal import Decimal
 from pathlib import PurePosixPath
 from typing import Final
 
+from recon.utc import LATEST_NS
 from recon_readers._time_text import moments
 
 SUFFIXES: Final = frozenset(
@@ -24,8 +25,6 @@ SUFFIXES: Final = frozenset(
 """Endings of images."""
 UNITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Decimals down to a nanosecond."""
-LATEST_NS: Final = 2**62
-"""Of any time, ns: the year 2116."""
 _EARLIEST_S: Final = 315_532_800
 _LATEST_S: Final = 4_102_444_800
 """1980 and 2100."""

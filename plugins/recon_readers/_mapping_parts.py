@@ -18,7 +18,7 @@ from pydantic import (
 from recon.numerics.axes import turn
 from recon.parameters import Params, setting
 from recon.problems import did_you_mean
-from recon.utc import iso_ns, zone_ns
+from recon.utc import start_ns, zone_ns
 
 _TEXTS: Final = ("iso", "day_first", "month_first")
 
@@ -88,9 +88,11 @@ class Time(Part):
             raise ValueError("gps_week needs 'columns: [week, seconds]', and every other number one 'column'")
         zone = zone_ns(self.zone)
         try:
-            iso_ns(self.start or "1970-01-01", zone)
+            start_ns(self.start or "1970-01-01", zone)
         except ValueError:
-            raise ValueError(f"the start '{self.start:.40}' is no ISO 8601 time; write 2026-06-08T14:54:08Z") from None
+            raise ValueError(
+                f"the start '{self.start:.40}' is no ISO 8601 time of a log; write 2026-06-08T14:54:08Z"
+            ) from None
         return self
 
     @property
@@ -101,7 +103,7 @@ class Time(Part):
     @property
     def start_ns(self) -> int:
         """The zero of the times as ns since 1970 UTC, 0 where none is given."""
-        return iso_ns(self.start, self.zone_ns) if self.start else 0
+        return start_ns(self.start, self.zone_ns) if self.start else 0
 
     @property
     def references(self) -> tuple[int | str, ...]:

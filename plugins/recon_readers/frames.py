@@ -31,8 +31,8 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import FRAMES
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, build, with_meta
-from recon.utc import iso_ns, zone_ns
-from recon_readers._frame_times import LATEST_NS, Line, Told, is_image, lines_of, told_by
+from recon.utc import start_ns, zone_ns
+from recon_readers._frame_times import Line, Told, is_image, lines_of, told_by
 
 LISTS: Final = (".txt", ".csv")
 """Endings of lists."""
@@ -53,8 +53,8 @@ class FramesParams(Params):
     @field_validator("start")
     @classmethod
     def _is_a_time(cls, value: str) -> str:
-        if value and abs(iso_ns(value)) >= LATEST_NS:
-            raise ValueError(f"'{value:.40}' is too far from 1970")
+        if value:
+            start_ns(value)
         return value
 
     @field_validator("zone")
@@ -71,7 +71,7 @@ class FramesParams(Params):
     @property
     def start_ns(self) -> int | None:
         """The zero as ns since 1970 UTC, None where it is not given."""
-        return iso_ns(self.start, self.zone_ns) if self.start else None
+        return start_ns(self.start, self.zone_ns) if self.start else None
 
 
 class _Frames(NamedTuple):
@@ -201,10 +201,9 @@ def _video(path: Path, params: FramesParams) -> _Frames:
 def _stated_ns(text: str) -> int | None:
     """When a video says that it began, None where it says nothing or what is no time."""
     try:
-        since = iso_ns(text)
+        return start_ns(text)
     except ValueError:
         return None
-    return since if abs(since) < LATEST_NS else None
 
 
 def sniff(path: Path, head: bytes) -> Sniff:

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, TypeAlias
 from pydantic import ValidationInfo, field_validator
 
 from recon import Params, quantity, setting
-from recon.utc import iso_ns
+from recon.utc import start_ns
 
 Triple: TypeAlias = tuple[float, float, float]
 Pair: TypeAlias = tuple[float, float]
@@ -94,7 +94,7 @@ class _Motion(Params):
     @field_validator("start")
     @classmethod
     def _is_a_time(cls, value: str) -> str:
-        iso_ns(value)
+        start_ns(value)
         return value
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recon.utc import iso_ns, zone_ns
+from recon.utc import iso_ns, start_ns, zone_ns
 
 MORNING = 1_714_550_400_000_000_000  # 2024-05-01T08:00:00Z, by date -u +%s
 
@@ -54,3 +54,10 @@ def test_zones_are_signed_hours_and_minutes(text, hours):
 def test_what_is_no_zone_is_a_value_error(text):
     with pytest.raises(ValueError, match="cannot be read"):
         zone_ns(text)
+
+
+@pytest.mark.parametrize("text", ["9019-11-26T00:00:00Z", "0001-01-01", "2117-01-01"])
+def test_a_start_with_which_sums_would_overflow_is_refused(text):
+    with pytest.raises(ValueError, match="too far from 1970"):
+        start_ns(text)
+    assert start_ns("2024-05-01T08:00:00Z") == MORNING

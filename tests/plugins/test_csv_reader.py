@@ -778,3 +778,9 @@ def test_a_damaged_text_gives_rows_or_an_error_of_ours(tmp_path: Path, seed: int
 def test_mappings_are_all_used() -> None:
     assert {path.stem for path in MAPPINGS.iterdir()} == {mapping for mapping, _, _ in REAL}
     assert all(load_file(path).plain() for path in MAPPINGS.iterdir())
+
+
+def test_a_start_beyond_the_clock_of_a_log_is_refused() -> None:
+    time = {"column": "t", "format": "relative", "start": "9019-01-01"}
+    with pytest.raises(ValueError, match="is no ISO 8601 time of a log"):
+        CsvParams(columns={"wheel": {"time": time, "speed": {"column": "v", "unit": "m/s"}}})

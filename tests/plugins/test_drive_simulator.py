@@ -570,3 +570,8 @@ def test_each_route_of_the_mixed_drive_is_another() -> None:
     ]
     apart = np.linalg.norm(np.array(ends)[:, None] - np.array(ends)[None], axis=2) + 1e9 * np.eye(8)
     assert apart.min() > 1.0
+
+
+def test_a_start_beyond_the_clock_of_a_log_is_refused() -> None:
+    with pytest.raises(ValueError, match="too far from 1970"):
+        DriveParams(start="9019-01-01T00:00:00Z")
