@@ -231,6 +231,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="When images were taken: a folder of them, a list of their times, or a video.",
         params=FramesParams,
         run=read,
+        version=2,
         sniff=sniff,
         writes={"frames": FRAMES},
     )

@@ -272,6 +272,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="GoPro videos (MP4) and raw GPMF: accelerometer, gyroscope and GPS.",
         params=GpmfParams,
         run=read,
+        version=2,
         sniff=sniff,
         writes={
             "imu": IMU.only("accel", "gyro").possible(),

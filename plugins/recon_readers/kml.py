@@ -126,6 +126,7 @@ def declare_readers() -> Iterable[Reader]:
         name="kml",
         summary="KML: gx:Track, and placemarks with a time stamp.",
         run=read,
+        version=2,
         sniff=sniff,
         writes={"gnss": GNSS.only("lat", "lon", "height").possible()},
         references=("OGC 07-147r2, KML 2.2", "OGC 12-007r2, KML 2.3"),

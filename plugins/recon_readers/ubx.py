@@ -44,6 +44,7 @@ from recon_readers._ubx_frames import ESF_MEAS, ESF_RAW, LAYOUTS, Kind, Messages
 from recon_readers._ubx_sensors import UbxParams, clock_of, imu, wheel
 
 SOLUTIONS: Final = ("NAV-PVT", "NAV-PVAT", "HNR-PVT")
+_WEEK_MS: Final = WEEK_NS // 1_000_000
 VALID_TIME: Final = 0b11
 """Bits validDate and validTime."""
 FIXES: Final = np.array([0, 3, 2, 3, 3, 1])
@@ -169,18 +170,21 @@ def _older(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
 
 
 def _by_week(found: Messages, places: Places, tow: NDArray[np.uint32]) -> tuple[Times, Mask]:
-    """UTC of times of week in ms by the week that NAV-SOL or NAV-TIMEGPS told last, or else first."""
-    at, week = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    """UTC of times of week in ms by what NAV-SOL or NAV-TIMEGPS told last, or else first; a new week may have begun."""
+    at, week, told = (np.zeros(0, dtype=np.int64) for _ in range(3))
     for name, field, bits in (("NAV-SOL", "flags", 0b1100), ("NAV-TIMEGPS", "valid", 0b11)):
-        told, rows = found.rows(name)
+        where, rows = found.rows(name)
         known = (rows[field] & bits) == bits
-        at, week = np.concatenate([at, told[known]]), np.concatenate([week, rows["week"][known].astype(np.int64)])
+        at, week = np.concatenate([at, where[known]]), np.concatenate([week, rows["week"][known].astype(np.int64)])
+        told = np.concatenate([told, rows["tow"][known].astype(np.int64)])
     if not len(week) or not len(tow):
         return np.zeros(len(tow), dtype=np.int64), np.ones(len(tow), dtype=bool)
     order = np.argsort(at, kind="stable")
-    before = np.maximum(np.searchsorted(at[order], places, side="right") - 1, 0)
-    gps_ns = GPS_EPOCH_NS + week[order][before] * WEEK_NS + tow.astype(np.int64) * 1_000_000
-    return gps_to_utc(gps_ns), tow > WEEK_NS // 1_000_000
+    near = order[np.maximum(np.searchsorted(at[order], places, side="right") - 1, 0)]
+    own = tow.astype(np.int64)
+    begun = np.round((told[near] - own) / _WEEK_MS).astype(np.int64)
+    gps_ns = GPS_EPOCH_NS + (week[near] + begun) * WEEK_NS + own * 1_000_000
+    return gps_to_utc(gps_ns), tow > _WEEK_MS
 
 
 # --- what is told ---------------------------------------------------------------------------------------------------
@@ -217,6 +221,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="u-blox logs (UBX): GNSS of NAV messages, imu and wheel speed of ESF messages.",
         params=UbxParams,
         run=read,
+        version=2,
         sniff=sniff,
         writes={
             "gnss": place.possible(),

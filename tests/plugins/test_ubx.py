@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,18 @@ def test_invalid_times_and_fixes_are_left_out(tmp_path: Path) -> None:
     no_time[11], no_fix[21] = 0, 0
     changed = [log_files.message(1, 7, bytes(part)) for part in (no_time, no_fix)]
     assert read(tmp_path, b"".join([*changed, good[2]]))["gnss"].num_rows == 1
+
+
+def test_a_week_that_begins_between_a_place_and_what_tells_it_costs_no_row(tmp_path: Path) -> None:
+    epochs = [(2389, 604_798_000), (2389, 604_799_000), (2390, 0), (2390, 1_000)]
+    parts = []
+    for number, (week, tow) in enumerate(epochs):
+        place = (113_000_000, 445_000_000 + 100 * number, 60_000, 15_000, 1_000, 2_000)
+        parts.append(log_files.message(0x01, 0x02, struct.pack("<I4i2I", tow, *place)))
+        parts.append(log_files.message(0x01, 0x20, struct.pack("<IihbBI", tow, 0, week, 18, 7, 20)))
+    gnss = read(tmp_path, b"".join(parts))["gnss"]
+    begins = np.datetime64("2025-10-26T00:00:00", "ns").astype(np.int64) - 18 * 10**9  # week 2390, less leap seconds
+    assert time_ns(gnss).tolist() == (begins + 10**9 * np.arange(-2, 2)).tolist()
 
 
 def test_older_messages_and_fine_places_are_put_together(logs: Path, tmp_path: Path) -> None:
