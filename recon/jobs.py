@@ -12,10 +12,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from recon.problems import shortened
+from recon.storage.json_text import readable
+
 DIED: Final = "died"
 TIMED_OUT: Final = "timed_out"
 OUT_OF_MEMORY: Final = "out_of_memory"
 FAULT: Final = "fault"
+
+_LONGEST: Final = 1000
+"""Characters of a sentence about a job: what a stage raises can hold a whole log."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +29,8 @@ class Outcome:
     """How a job ended.
 
     job : its key
-    code : "" where it is done, else one word for the reason; `text` and `hint` are the sentences for people
+    code : "" where it is done, else one word for the reason; `text` and `hint` are the sentences for people, which are
+        made to be Unicode text of at most 1000 characters, whatever a stage or a file name put into them
     seconds : how long it took
     """
 
@@ -32,6 +39,10 @@ class Outcome:
     text: str = ""
     hint: str = ""
     seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("text", "hint"):
+            object.__setattr__(self, name, shortened(readable(getattr(self, name)), _LONGEST))
 
     @property
     def ok(self) -> bool:

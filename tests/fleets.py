@@ -26,7 +26,10 @@ import numpy as np
 
 from recon import IMU, Reader, build, hookimpl
 from recon.errors import NotEnoughData
+from recon.fleet.root import LocalRoot
 from recon.parameters import Params, setting
+
+commit = LocalRoot.commit
 
 
 class TroubleParams(Params):
@@ -37,6 +40,10 @@ def trouble(path, params):
     what, number = path.read_text().split()
     if what == "short":
         raise NotEnoughData("imu", needed="10 s", found="1 s")
+    if what == "garble":
+        raise RuntimeError("no \\udcff wheel " + 5000 * "!")
+    if what == "late":
+        LocalRoot.commit = lambda *put: (commit(*put), os._exit(9))
     if what == "raise":
         raise RuntimeError("a wheel came off")
     if what == "kill":

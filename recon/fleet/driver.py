@@ -38,7 +38,9 @@ from recon.storage.json_text import to_json
 from recon.yaml_nodes import load_file
 
 DEFAULT_EXECUTOR: Final = "executor.local"
-AGAIN: Final = (DIED, TIMED_OUT, OUT_OF_MEMORY, FAULT, "input_changed", "not_written")
+LOST: Final = (DIED, TIMED_OUT, OUT_OF_MEMORY, FAULT)
+"""Reasons that others told of a job, which may have put its result to its place before."""
+AGAIN: Final = (*LOST, "input_changed", "not_written")
 """Reasons that may not be there another time: `retries` is for these. A log that cannot be read stays so."""
 
 LOOKERS: Final = 16
@@ -174,13 +176,16 @@ def _is_done(fleet: Fleet, drive: Drive, index: Index, *, verify: bool) -> bool:
     seen = fleet.root.stamp(key)
     if seen is None or drive.stamp is None:
         return False
-    mark = fleet.mark(drive, drive.stamp)
     row = index.row(key, seen)
     if row is not None and not verify:
-        return bool(index.made_of[row] == mark.encode())
-    if not is_made_of(fleet.root.manifest_text(key) or b"", mark):
-        return False
-    return not verify or _verified(fleet.root, drive)
+        return bool(index.made_of[row] == fleet.mark(drive, drive.stamp).encode())
+    return _is_made(fleet, drive) and (not verify or _verified(fleet.root, drive))
+
+
+def _is_made(fleet: Fleet, drive: Drive) -> bool:
+    """Does the manifest of a drive's result say that it is what would be made?"""
+    text = fleet.root.manifest_text(drive.key)
+    return text is not None and drive.stamp is not None and is_made_of(text, fleet.mark(drive, drive.stamp))
 
 
 def _verified(root: Root, drive: Drive) -> bool:
@@ -259,7 +264,8 @@ def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Ended:
         again: list[Drive] = []
         flight = Flight(fleet.executor, fleet.executor_params, todo, fleet.job)
         with closing(flight.outcomes()) as outcomes:
-            for drive, outcome in outcomes:
+            for drive, lost_or_told in outcomes:
+                outcome = _as_found(fleet, drive, lost_or_told)
                 if tries_left and outcome.code in AGAIN:
                     again.append(drive)
                     continue
@@ -270,3 +276,10 @@ def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Ended:
         if not again:
             return
         todo = Drives.of(again)
+
+
+def _as_found(fleet: Fleet, drive: Drive, outcome: Outcome) -> Outcome:
+    """The outcome; of a job whose process ended between its result and its word, that the drive is done."""
+    if outcome.code in LOST and _is_made(fleet, drive) and _verified(fleet.root, drive):
+        return Outcome(outcome.job, seconds=outcome.seconds)
+    return outcome

@@ -271,6 +271,25 @@ def test_every_bad_drive_has_its_reason_and_every_good_one_its_result(tmp_path: 
     assert not (root / ".scratch").exists()
 
 
+def test_what_a_stage_raises_is_told_as_text_that_every_program_reads(tmp_path: Path) -> None:
+    file = fleet(tmp_path, {"A/good": "ok 1", "A/garble": "garble 1"})
+    code, _, errors = finish(file)
+    assert code == 6, errors
+    reasons = {row["drive"]: row["reason"] or "" for row in rows(file.parent / "results")}
+    assert reasons["garble"].startswith(r"step reader.trouble: RuntimeError: no \xff wheel !!!")
+    assert len(reasons["garble"]) < 1100
+
+
+def test_a_process_that_dies_behind_its_result_costs_the_drive_nothing(tmp_path: Path) -> None:
+    file = fleet(tmp_path, {"A/good": "ok 1", "A/late": "late 1"})
+    code, out, errors = finish(file, "--json")
+    assert code == 0, errors
+    told = json.loads(out)
+    assert (told["done"], told["superseded"]) == (2, 0)
+    assert set(results(file.parent / "results")) == {"vehicle=A/drive=good", "vehicle=A/drive=late"}
+    assert {row["status"] for row in rows(file.parent / "results")} == {"ok"}
+
+
 def test_what_may_go_well_another_time_is_tried_again(tmp_path: Path) -> None:
     drives = {**GOOD, "C/once": "once 1", "C/kill": "kill 1", "C/short": "short 1"}
     file = fleet(tmp_path, drives, BATCH + "retries: 1\n")
