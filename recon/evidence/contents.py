@@ -40,7 +40,7 @@ inputs/         the log, byte by byte as it was read
 pipeline.yaml   the steps that were run on it
 manifest.json   each step with all its parameters and versions, what it learnt, and hashes of inputs and results
 results/        the streams that came out, as Parquet or MCAP
-exports/        files for people, if there are any
+exports/        files for people, if there are any; they prove nothing, results/ does
 versions.json   Python, packages and hashes of the code that gave these bytes
 SHA256SUMS      SHA-256 of every file but this list
 
@@ -54,6 +54,7 @@ To run everything again and compare each number:
     recon verify FILE
 
 What this can show, and what it cannot. A changed byte is found, and so is a result that does not follow from the log.
+Files in exports/ are not made again: who packs an archive anew can put numbers there that are not those of results/.
 Who exchanges the log, runs everything again and seals that leaves a seal as good as this one: that this is the file
 of that day is shown by its SHA-256 alone, noted where others could see it at the time.
 """
@@ -137,6 +138,12 @@ def _requirements(lines: Iterable[str]) -> list[str]:
     """Names of what is needed, in lower case, without what only an extra needs."""
     wanted = (line for line in lines if "extra" not in line.partition(";")[2])
     return [match[0].lower() for line in wanted if (match := _REQUIREMENT.match(line))]
+
+
+def same_recon(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> bool:
+    """Was it sealed by the very code of recon that runs here?"""
+    digests = [{part["package"]: part["sha256"] for part in one.get("code", ())} for one in (sealed, here)]
+    return bool(digests[0].get("recon") == digests[1].get("recon"))
 
 
 def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:

@@ -67,7 +67,11 @@ def verify(file: str | Path, *, sha256: str | None = None, registry: Registry | 
         check_bytes(path, entries)
         sealed, inputs = _unpacked(path, entries, Path(scratch))
         before = _json_of(path, entries, contents.VERSIONS)
-        same, again, notes = _replayed(sealed, inputs, Path(scratch) / "again", registry, before)
+        here = contents.versions_of(replay.sources_of(sealed.manifest, registry))
+        if contents.same_recon(before, here):
+            _refuse_other_page(entries)
+        versions = contents.changed_versions(before, here)
+        same, again, notes = _replayed(sealed, inputs, Path(scratch) / "again", registry, versions)
         return Verified(
             file=path.name,
             sha256=whole,
@@ -193,6 +197,13 @@ def _unpacked(path: Path, entries: Sequence[Entry], scratch: Path) -> tuple[api.
     return sealed, [scratch / contents.INPUTS / str(n) / e["name"] for n, e in enumerate(manifest["inputs"], 1)]
 
 
+def _refuse_other_page(entries: Sequence[Entry]) -> None:
+    """Raises Difference where the page that says how to check the seal is not recon's."""
+    page = next(entry for entry in entries if entry.name == contents.README)
+    if page.sha256() != contents.readme().sha256():
+        raise Difference(f"{contents.README} is not the page that recon writes")
+
+
 def _told(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Name in the archive and hash of each input and output, as the manifest tells them."""
     found = []
@@ -217,13 +228,13 @@ def _unpack(entry: Entry, folder: Path, name: str) -> None:
 
 
 def _replayed(
-    sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, before: Mapping[str, Any]
+    sealed: api.Run, inputs: Sequence[Path], folder: Path, registry: Registry, versions: Sequence[str]
 ) -> tuple[bool, api.Run, tuple[str, ...]]:
-    """Does the run give the same bytes again? That run, and what is another one here than it was `before`.
+    """Does the run give the same bytes again? That run, and what is another one here: `versions` and more.
 
     Raises Difference where it does not even give the same numbers.
     """
-    notes = contents.changed_versions(before, contents.versions_of(replay.sources_of(sealed.manifest, registry)))
+    notes = list(versions)
     try:
         again = replay.run_again(sealed.manifest, inputs, folder, registry)
         notes += _other_arithmetic(sealed.manifest, again.manifest)

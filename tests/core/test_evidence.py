@@ -344,6 +344,22 @@ def test_a_pipeline_beside_that_of_the_manifest_is_found(sealed):
         evidence.verify(forge(sealed, change))
 
 
+def test_another_page_that_says_how_to_check_is_found(sealed):
+    def change(files):
+        files["README.txt"] = files["README.txt"].replace(b"pip install recon-dynamics", b"pip install recon-of-mine")
+
+    with pytest.raises(Difference, match=r"README\.txt is not the page that recon writes"):
+        evidence.verify(forge(sealed, change))
+
+
+def test_of_exports_it_is_told_that_they_prove_nothing(place, tmp_path, capsys):
+    run = Path(shutil.copytree(place / "run", tmp_path / "run"))
+    api.export(api.open(run), ["csv"])
+    evidence.seal(run, tmp_path / "with.zip", exports=True)
+    assert main(["verify", str(tmp_path / "with.zip")]) == 0
+    assert "not made again: what they show is not checked" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_result_that_does_not_follow_from_the_log_is_found_with_its_place(sealed, tmp_path):
     def faster(table):
         index = table.column_names.index("accel_x")
