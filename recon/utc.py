@@ -12,8 +12,8 @@ from typing import Final
 LATEST_NS: Final = 2**62
 """ns since 1970 beyond which, or as far before, no log begins: the year 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_FRACTION: Final = re.compile(r"([\dW-]+\D[\d:]+)[.,](\d+)(.*)")
-"""A date, a separator and a time of day; the digits behind its seconds; the zone."""
+_FRACTION: Final = re.compile(r"([\dW-]+\D\d\d:?\d\d:?\d\d)[.,](\d+)(.*)")
+"""A date, a separator and a time of day to the second; the digits behind it; the zone."""
 _ZONE: Final = re.compile(r"([+-])(\d\d):?([0-5]\d)")
 
 
@@ -23,6 +23,8 @@ def iso_ns(text: str, zone: int = 0) -> int:
     zone : local time minus UTC in ns, of a text that names no zone
     """
     found = _FRACTION.fullmatch(text)
+    if found is None and ("." in text or "," in text):
+        raise ValueError("only seconds may have a fraction")  # Python takes that of a minute for one of a second
     moment = datetime.fromisoformat(found[1] + found[3] if found else text)
     since = moment.replace(tzinfo=moment.tzinfo or UTC) - _EPOCH
     fraction = int(found[2][:9].ljust(9, "0")) if found else since.microseconds * 1000

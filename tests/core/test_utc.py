@@ -34,6 +34,13 @@ def test_what_numpy_writes_is_read_back_to_the_nanosecond(ns):
     assert iso_ns(str(np.datetime64(ns, "ns"))) == ns
 
 
+@pytest.mark.parametrize("text", ["2024-05-01T08:00.5Z", "20240501T0800,5", "2024-05-01T08.5"])
+def test_fractions_of_minutes_and_hours_are_refused(text):
+    """ISO 8601 allows them; taken for fractions of a second they would be wrong by up to an hour."""
+    with pytest.raises(ValueError):
+        iso_ns(text)
+
+
 def test_a_zone_is_taken_where_the_text_names_none():
     assert iso_ns("2024-05-01T10:00:00.25", zone_ns("+02:00")) == MORNING + 250_000_000
     assert iso_ns("2024-05-01T08:00:00Z", zone_ns("+02:00")) == MORNING
