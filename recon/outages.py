@@ -27,7 +27,7 @@ from recon.pipeline import Pipeline
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.schema import unnumbered
-from recon.stages import Reader, role_of
+from recon.stages import Exporter, Reader, role_of
 from recon.tables import select_rows, time_ns
 
 APART_S: Final = 30.0
@@ -162,14 +162,18 @@ def study(
     overrides: Sequence[Override] = (),
     registry: Registry | None = None,
 ) -> Study:
-    """Outages of each length in s on a log, by a pipeline that begins with a reader.
+    """Outages of each length in s on a log, by a pipeline that begins with a reader; its exporters are left out.
 
     most : outages of each length; overrides : parameters of the pipeline. Raises as `recon.run`, NotEnoughData.
     """
     registry = registry or Registry.installed()
-    of_reader = [one for one in overrides if role_of(one.step) == Reader.role]
-    others = [one for one in overrides if one not in of_reader]
-    reading = replace(pipeline, name="outages", steps=pipeline.steps[:1])
+    left_out = {step.id for step in pipeline.steps if role_of(step.use) == Exporter.role}
+    pipeline = replace(pipeline, steps=tuple(step for step in pipeline.steps if step.id not in left_out))
+    first = pipeline.steps[:1]
+    names = {step.id for step in first}
+    of_reader = [one for one in overrides if one.step in names or role_of(one.step) == Reader.role]
+    others = [one for one in overrides if one not in of_reader and one.step not in left_out]
+    reading = replace(pipeline, name="outages", steps=first)
     log = api.execute(reading, paths, None, of_reader, registry=registry).recording
     warnings: list[list[str]] = []
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -147,7 +148,7 @@ def _draw(path: Path, found: Mapping[float, Sequence[Outage]]) -> None:
         from matplotlib.figure import Figure
     figure = Figure(figsize=(6.7, 3.6), layout="constrained")
     axes = figure.subplots()
-    for color, (length, some) in zip(_COLORS, found.items(), strict=False):
+    for color, (length, some) in zip(cycle(_COLORS), found.items(), strict=False):
         for number, one in enumerate(some):
             label = f"{length:g} s, {len(some)} outages" if number == 0 else None
             axes.plot(one.t_s, one.growth, color=color, linewidth=0.9, alpha=0.75, label=label)

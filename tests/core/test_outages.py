@@ -11,10 +11,14 @@ import yaml
 import recon
 from recon.cli import main
 from recon.cli.outages import _doubts
-from recon.errors import NotEnoughData
-from recon.outages import APART_S, measured, placed, simulate, statistics, without_fixes
+from recon.errors import ConfigError, NotEnoughData
+from recon.outages import APART_S, measured, placed, simulate, statistics, study, without_fixes
+from recon.overrides import Override
 from recon.recording import Recording
-from recon.schema import GNSS
+from recon.registry import Registry
+from recon.schema import GNSS, REFERENCE, TRAJECTORY
+from recon.stages import Fuser
+from recon.storage import write_recording
 from recon.tables import build, matrix, replace, time_ns
 from recon_simulators.drive import DriveParams, simulate_drive
 
@@ -130,3 +134,33 @@ def test_a_drive_whose_every_turn_lies_in_an_outage_is_bridged(logs):
     found = measured(run.trajectory.table, recording["reference"], spans)
     assert max(outage.worst for outage in found) < 2.0
     assert max(outage.heading for outage in found) < 0.5
+
+
+def cheating(*, reference, params):
+    return {"trajectory": reference}
+
+
+CHEAT = Fuser(
+    name="cheat", summary="The reference.", run=cheating, reads={"reference": REFERENCE.need("pos")},
+    writes={"trajectory": TRAJECTORY},
+)  # fmt: skip
+
+
+def own_pipeline(*uses):
+    steps = [{"use": "reader.auto", "id": "log"}, *({"use": use} for use in uses)]
+    return recon.Pipeline.from_text(yaml.safe_dump({"name": "mine", "steps": steps}))
+
+
+def test_parameters_of_the_first_step_reach_it_by_its_id(tmp_path):
+    wrong = Override.from_option("log.nothing=1")
+    with pytest.raises(ConfigError, match=r"reader\.auto has no parameter 'nothing'"):
+        study([tmp_path / "none.txt"], own_pipeline("fuser.map"), [10.0], overrides=[wrong])
+
+
+def test_exporters_of_the_pipeline_are_left_out_with_their_parameters(drive, tmp_path):
+    write_recording(drive, tmp_path)
+    registry = Registry.installed().with_records(CHEAT)
+    unused = Override.from_option("exporter.csv.nothing=1")
+    pipeline = own_pipeline("fuser.cheat", "exporter.csv")
+    found = study([tmp_path], pipeline, [10.0], most=1, overrides=[unused], registry=registry)
+    assert found.outages[10.0][0].horizontal == 0.0
