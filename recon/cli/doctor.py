@@ -101,8 +101,8 @@ def _repaired(found: Iterable[dict[str, Any]], overrides: Iterable[Override]) ->
     """The pipeline that puts right what was found."""
     from recon.doctor import fix_in, merged, repaired
 
-    readers: Any = {option.step: option.params.plain() for option in overrides if option.step.startswith("reader.")}
-    return repaired(merged(fix_in(one["yaml"]) for one in found), readers)
+    given: list[Any] = [{one.step: one.params.plain()} for one in overrides if one.step.startswith("reader.")]
+    return repaired(merged(fix_in(one["yaml"]) for one in found), merged(given))
 
 
 def _tried(

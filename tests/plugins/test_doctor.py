@@ -228,6 +228,15 @@ def test_a_clock_that_jumps_has_no_lag():
     assert found["gnss_velocity_lag"]["status"] == found["gnss_position_lag"]["status"] == "unknown"
 
 
+def test_every_parameter_that_a_reader_was_given_is_in_the_pipeline():
+    from recon.cli.doctor import _repaired
+    from recon.overrides import Override
+
+    options = [Override.from_option(f"reader.physycom.{text}") for text in ("gravity=9.8 m/s^2", "speed_unit=m/s")]
+    first = _repaired([], options).steps[0]
+    assert first.params.plain() == {"reader.physycom": {"gravity": "9.8 m/s^2", "speed_unit": "m/s"}}
+
+
 def test_shifts_of_a_zone_and_of_a_lag_add_up_in_the_pipeline():
     from recon.doctor import fix_in, merged, repaired, yaml_of
 
