@@ -118,7 +118,7 @@ def parse(root: Node) -> tuple[BatchFile, list[Problem]]:
         output=form.text(top.get("output"), "output"),
         defaults=_overrides(top.get("defaults"), "defaults", form),
         vehicles={name: _overrides(node, f"vehicles.{name}", form) for name, node in vehicles.items()},
-        exports=tuple(form.text(node, "an export") for node in exports),
+        exports=tuple(name for node in exports if (name := form.text(node, "an export"))),
         executor=executor,
         executor_params=executor_params,
         on_error=form.choice(top.get("on_error"), "on_error", ON_ERROR),

@@ -88,7 +88,8 @@ def _with_exports(pipeline: Pipeline, batch: BatchFile) -> Pipeline:
     """The pipeline with the batch's exports as steps, each at its place in the batch file."""
     whole = with_exports(pipeline, batch.exports)
     count = len(pipeline.steps)
-    places = [batch.root.at(["exports", index]).where for index in range(len(batch.exports))]
+    listed = batch.root.at(["exports"]).value
+    places = [node.where for node in listed if node.value in batch.exports] if isinstance(listed, tuple) else []
     exports = [replace(step, where=where) for step, where in zip(whole.steps[count:], places, strict=True)]
     return replace(whole, steps=(*pipeline.steps, *exports))
 

@@ -60,13 +60,13 @@ class Form:
             return ""
         if not isinstance(node.value, str):
             self.report(node.where, "bad-value", f"{key} must be text", "put it in quotes")
-            return str(node.plain())
+            return ""
         return node.value
 
     def name(self, node: Node | None, key: str) -> str:
         """A text that serves as a name, also of a file; "" where there is none."""
         text = self.text(node, key)
-        if node is not None and node.value is not None and not _NAME.fullmatch(text):
+        if node is not None and isinstance(node.value, str) and not _NAME.fullmatch(text):
             self.report(node.where, "bad-value", f"{key} is '{text}'", "use letters, digits, _, - and .")
         return text
 

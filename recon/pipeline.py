@@ -207,7 +207,8 @@ def _step(item: Node, form: Form) -> Step | None:
         return None
     use = form.text(entries["use"], "use")
     if not use:
-        form.report(entries["use"].where, "bad-value", "use names no stage", "write '- use: reader.auto'")
+        if entries["use"].value in ("", None):
+            form.report(entries["use"].where, "bad-value", "use names no stage", "write '- use: reader.auto'")
         return None
     params = entries.get("params", Node.of({}, item.where))
     if not isinstance(params.value, Mapping):
@@ -226,7 +227,8 @@ def _step(item: Node, form: Form) -> Step | None:
 
 def _renames(node: Node | None, key: str, form: Form) -> dict[str, str]:
     ports = form.entries(node, f"{key} must be a mapping of ports to streams", "write {imu: imu_2}")
-    return {port: form.text(stream, f"{key}.{port}") for port, stream in ports.items()}
+    named = {port: form.text(stream, f"{key}.{port}") for port, stream in ports.items()}
+    return {port: stream for port, stream in named.items() if stream}
 
 
 def _merged(old: Node, new: Node) -> Node:

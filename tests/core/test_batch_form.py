@@ -166,6 +166,7 @@ def test_sizes_are_bytes(size: str, expected: int) -> None:
         ("on_error: ignore", "b.yaml:5:11: error: on_error is 'ignore'; write continue or stop"),
         ("exports: csv", "b.yaml:5:10: error: exports must be a list; write [csv]"),
         ("exports: [1]", "b.yaml:5:11: error: an export must be text; put it in quotes"),
+        ("on_error: 1", "b.yaml:5:11: error: on_error must be text; put it in quotes"),
         ("executor: executor.pool", "b.yaml:5:11: error: executor must be a mapping; its keys are use, params"),
         ("executor: {params: {}}", "b.yaml:5:11: error: executor needs the key 'use'"),
         ("executor: {use: a.b, params: 1}", "b.yaml:5:30: error: params must be a mapping"),

@@ -193,3 +193,18 @@ def test_an_override_that_names_a_step_alone_asks_for_the_parameter():
 def test_an_override_for_no_step_lists_the_steps():
     _, (problem,) = overridden("zzz.x=1")
     assert problem.as_text() == "--set zzz.x=1: error: 'full' has no step 'zzz'; the steps are reader.auto, rear"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("steps:\n  - use: 5\n", "p.yaml:2:10: error: use must be text; put it in quotes"),
+        ("steps:\n  - use: [a.b]\n", "p.yaml:2:10: error: use must be text; put it in quotes"),
+        ("steps:\n  - use:\n", "p.yaml:2:9: error: use names no stage; write '- use: reader.auto'"),
+        ("store: 1\nsteps:\n  - use: a.b\n", "p.yaml:1:8: error: store must be text; put it in quotes"),
+        ("name: [a]\nsteps:\n  - use: a.b\n", "p.yaml:1:7: error: name must be text; put it in quotes"),
+        ("steps:\n  - {use: a.b, in: {imu: 2}}\n", "p.yaml:2:26: error: in.imu must be text; put it in quotes"),
+    ],
+)
+def test_what_is_no_text_is_one_problem(text, problem):
+    assert messages(text) == [problem]
