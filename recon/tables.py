@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ContractError, DataError
-from recon.schema import APPENDED, SCHEMA_NUMBER, SEVERAL_AT_A_TIME, TIME_TYPE, Column, Schema, spread
+from recon.schema import APPENDED, SCHEMA_NUMBER, SEVERAL_AT_A_TIME, STREAMS, TIME_TYPE, Column, Schema, spread
 
 Array: TypeAlias = NDArray[np.float64]
 Streams: TypeAlias = dict[str, pa.Table]
@@ -148,8 +148,6 @@ def _named(group: str, data: Any, table: pa.Table | None) -> list[tuple[str, Any
 
 
 def _canonical_columns(group: str) -> tuple[str, ...]:
-    from recon.schema import STREAMS
-
     for schema in STREAMS.values():
         names = spread(group, schema.names)
         if names:

@@ -47,7 +47,10 @@ class Trial:
         return asdict(self)
 
     def better_than(self, other: Trial) -> bool:
-        """Is less unexplained here than there?"""
+        """Is there less to doubt here than there or, where that is the same, no more unexplained than a tenth above?
+
+        A drive that could be run is better than one that could not.
+        """
         if self.error or other.error:
             return not self.error
         if self.doubts != other.doubts:

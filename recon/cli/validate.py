@@ -70,7 +70,8 @@ def _validated(file: str, registry: Registry) -> tuple[str, list[Problem]]:
             batch, problems = parse(root)
             return f"batch '{batch.name}' is valid", problems + check_batch(batch, registry)
         pipeline, problems = validate_pipeline(root, registry)
-        return f"pipeline '{pipeline.name}' is valid, {len(pipeline.steps)} steps", problems
+        count = len(pipeline.steps)
+        return f"pipeline '{pipeline.name}' is valid, {count} step{'s' * (count != 1)}", problems
     except ConfigError as error:
         return "", list(error.problems)
     except PluginError as error:

@@ -812,7 +812,7 @@ def test_a_console_of_few_characters_shows_what_it_can(tmp_path: Path, environme
     (tmp_path / "\u03a9.yaml").write_text("steps: [{use: simulator.still}]")
     with spawn("validate", "\u03a9.yaml", cwd=tmp_path, env=narrow, stdout=subprocess.PIPE) as process:
         out, _ = process.communicate()
-    assert (process.returncode, out) == (0, "?.yaml: pipeline '?' is valid, 1 steps\n")
+    assert (process.returncode, out) == (0, "?.yaml: pipeline '?' is valid, 1 step\n")
 
 
 def test_a_live_display_shows_the_steps_on_a_terminal(tmp_path: Path, environment: Mapping[str, str]) -> None:
