@@ -165,24 +165,28 @@ def read(folder: Path) -> dict[str, Any]:
 
 _MAKE_AGAIN: Final = "copy or make the result again"
 
-_KINDS: Final[Mapping[str, type]] = {
+_SHAPE: Final[Mapping[str, Any]] = {
     "recon": str,
-    "pipeline": dict,
-    "plan": list,
-    "inputs": list,
-    "steps": list,
-    "warnings": list,
+    "pipeline": {"name": str, "text": str},
+    "plan": [{"id": str, "use": str, "stage_version": int, "params": dict}],
+    "inputs": [{"name": str}],
+    "steps": [{"id": str, "rows": dict, "metrics": [dict]}],
+    "warnings": [str],
     "store": str,
-    "outputs": list,
+    "outputs": [{"file": str, "sha256": str}],
     "environment": dict,
 }
+"""Of what readers rely on: a type, the shape of all items of a list, or those of the keys of an object."""
 
 
-def _fault(manifest: Mapping[str, Any]) -> str:
+def _fault(value: Any, shape: Any = _SHAPE, where: str = "") -> str:
     """What in a manifest is not as `make` leaves it, as far as readers rely on it; "" where all is."""
-    for key, kind in _KINDS.items():
-        if not isinstance(manifest.get(key), kind):
-            return f"'{key}' is missing or of a wrong type"
-    if not isinstance(manifest["pipeline"].get("name"), str):
-        return "its pipeline has no name"
-    return "" if all(isinstance(text, str) for text in manifest["warnings"]) else "a warning is no text"
+    if isinstance(shape, Mapping) and isinstance(value, Mapping):
+        parts = [(value.get(key), inside, f"{where}.{key}" if where else key) for key, inside in shape.items()]
+    elif isinstance(shape, list) and isinstance(value, list):
+        parts = [(item, shape[0], f"{where}[{number}]") for number, item in enumerate(value)]
+    elif isinstance(shape, type) and isinstance(value, shape):
+        return ""
+    else:
+        return f"'{where}' is missing or of a wrong type"
+    return next(filter(None, (_fault(*part) for part in parts)), "")

@@ -153,14 +153,20 @@ def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list
         for key, name in (("recon", "recon"), ("python", "Python"), ("platform", "the platform"))
         if sealed.get(key) != here[key]
     ]
-    packages = sealed.get("packages", {})
+    packages = _mapping(sealed.get("packages"))
     for name, version in here["packages"].items():
         if packages.get(name) not in (None, version) and name != FIRST_PARTY:
             found.append(f"{name} was {packages[name]}, here it is {version}")
-    code = {part["package"]: part for part in sealed.get("code", ())}
+    told = sealed.get("code")
+    code = {str(part.get("package")): part for part in map(_mapping, told if isinstance(told, list) else ())}
     for part in here["code"]:
         before = code.get(part["package"])
-        if before is not None and before["sha256"] != part["sha256"]:
-            same = before["version"] == part["version"]
+        if before is not None and before.get("sha256") != part["sha256"]:
+            same = before.get("version") == part["version"]
             found.append(f"the code of {part['package']} is another one" + f", also of {part['version']}" * same)
     return found
+
+
+def _mapping(data: object) -> Mapping[str, Any]:
+    """The object that a seal tells; an empty one where it is something else, for anybody may have written it."""
+    return data if isinstance(data, Mapping) else {}

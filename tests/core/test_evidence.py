@@ -393,6 +393,15 @@ def test_a_manifest_that_is_none_is_found(sealed, data):
         evidence.verify(pack({**files, "SHA256SUMS": sums.encode()}, sealed))
 
 
+@pytest.mark.parametrize("told", [{"packages": [], "code": 3}, {"packages": 1, "code": [None, {}]}, {}])
+def test_versions_of_another_shape_say_nothing(sealed, told):
+    def change(files):
+        versions = {key: value for key, value in json.loads(files["versions.json"]).items() if key == "recon_seal"}
+        files["versions.json"] = json.dumps({**versions, **told}).encode()
+
+    assert evidence.verify(forge(sealed, change)).agreement == "same bytes"
+
+
 # --- what is the same though its bytes are not -----------------------------------------------------------------------
 
 

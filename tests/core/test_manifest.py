@@ -129,9 +129,14 @@ def test_what_is_cut_short_or_no_json_is_damaged(tmp_path, data):
     [
         ({"pipeline": None}, "'pipeline' is missing or of a wrong type"),
         ({"pipeline": 3}, "'pipeline' is missing or of a wrong type"),
-        ({"pipeline": {"name": 3}}, "its pipeline has no name"),
+        ({"pipeline": {"name": 3}}, "'pipeline.name' is missing or of a wrong type"),
+        ({"pipeline": {"name": "a"}}, "'pipeline.text' is missing or of a wrong type"),
         ({"warnings": "odd"}, "'warnings' is missing or of a wrong type"),
-        ({"warnings": [1]}, "a warning is no text"),
+        ({"warnings": ["even", 1]}, r"'warnings\[1\]' is missing or of a wrong type"),
+        ({"inputs": [{"sha256": ""}]}, r"'inputs\[0\].name' is missing or of a wrong type"),
+        ({"plan": [3]}, r"'plan\[0\]' is missing or of a wrong type"),
+        ({"steps": [{"id": "a", "rows": {}, "metrics": [None]}]}, r"'steps\[0\].metrics\[0\]' is missing"),
+        ({"outputs": [{"file": "a"}]}, r"'outputs\[0\].sha256' is missing or of a wrong type"),
     ],
 )
 def test_a_manifest_of_another_shape_is_damaged(tmp_path, change, fault):
