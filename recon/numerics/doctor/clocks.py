@@ -16,8 +16,9 @@ from recon.numerics.doctor.finding import Finding, Floats, confirmed, contradict
 from recon.numerics.doctor.log import Gnss, Imu
 from recon.numerics.doctor.motion import spans_of
 from recon.numerics.geodesy import radii_of_curvature
+from recon.numerics.signals import wrap_angle
 from recon.numerics.smoothing.lag import UNKNOWN, Lag, find_lag
-from recon.numerics.smoothing.samples import Samples
+from recon.numerics.smoothing.samples import regular_samples
 from recon.numerics.smoothing.stops import Blocks, block_means
 
 LEAPS: Final = (18.0, 36.0, 37.0)
@@ -99,10 +100,8 @@ def blocks_of(imu: Imu) -> Blocks | None:
     if known.sum() < 50:
         return None
     t_s = imu.t_s[known]
-    from recon.numerics.smoothing.samples import regular_samples
-
     try:
-        samples: Samples = regular_samples(t_s, gyro[known], imu.accel[known])
+        samples = regular_samples(t_s, gyro[known], imu.accel[known])
     except ValueError:
         return None
     return block_means(samples, max(1, round(_BLOCK_S / float(np.median(np.diff(t_s))))))
@@ -131,14 +130,14 @@ def _from_positions(gnss: Gnss) -> tuple[Floats, Floats]:
 
 
 def plane(gnss: Gnss) -> tuple[Floats, Floats]:
-    """Positions in m east and north of the median: (m,) each, NaN where there is none."""
+    """Positions in m east of the first and north of the median: (m,) each, NaN where there is none."""
     known = np.isfinite(gnss.lat + gnss.lon) & ((gnss.lat != 0.0) | (gnss.lon != 0.0))
     if not known.any():
         return np.full(len(gnss.lat), np.nan), np.full(len(gnss.lat), np.nan)
     lat, lon = np.where(known, gnss.lat, np.nan), np.where(known, gnss.lon, np.nan)
-    lat_0, lon_0 = float(np.nanmedian(lat)), float(np.nanmedian(lon))
+    lat_0, lon_0 = float(np.nanmedian(lat)), lon[known][0]
     meridian, normal = radii_of_curvature(lat_0)
-    east = normal * np.cos(np.radians(lat_0)) * np.radians(lon - lon_0)
+    east = normal * np.cos(np.radians(lat_0)) * wrap_angle(np.radians(lon - lon_0))
     return east, meridian * np.radians(lat - lat_0)
 
 
