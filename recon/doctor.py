@@ -26,6 +26,7 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 _SWAPPED: Final = {"swap x y": "LFU", "swap x z": "ULF", "swap y z": "FUL"}
 """Where the axes point as they are called; two of them in the wrong place make them left-handed."""
+_CLOCKS: Final = ("clock_drift", "leap_seconds", "time_zone", "gnss_velocity_lag", "gnss_position_lag")
 _FURTHER_S: Final = 0.1
 """Sigma of the further delay of velocities that fuser.map begins with."""
 Json = dict[str, Any]
@@ -87,6 +88,8 @@ def fix_of(
         return {}
     if one.code in _UNITS:
         return _fix_of_unit(one, claims, reader)
+    if one.code in _CLOCKS:
+        return _fix_of_clock(one, position_lag)
     value = one.value
     if one.code == "gravity_sign":
         if reader == "reader.csv":
@@ -101,14 +104,18 @@ def fix_of(
         if reader == "reader.csv" and not mistaken:
             return {reader: {"columns": {"imu": {"axes": in_file(letters, claims.axes)}}}}
         return {"aligner.axes": {"axes": letters}}
-    if one.code == "gnss_velocity_lag" and position_lag is not None:
-        further = abs(float(value or 0.0) - position_lag)
-        return {"fuser.map": {"gnss_velocity_delay": f"{further:.2g} s"}} if further > _FURTHER_S else {}
-    if one.code in ("leap_seconds", "time_zone", "gnss_velocity_lag", "gnss_position_lag"):
-        return {"aligner.time_offset": {"shift": float(value or 0.0) * (3600.0 if one.code == "time_zone" else 1.0)}}
-    if one.code == "clock_drift" and isinstance(value, float):
-        return {"aligner.time_offset": {"drift": value}}
     return {}
+
+
+def _fix_of_clock(one: Finding, position_lag: float | None) -> Fix:
+    """All stamps of GNSS shifted, or the further delay of its velocities, where that of its positions is known."""
+    if one.code == "clock_drift":
+        return {"aligner.time_offset": {"drift": one.value}} if isinstance(one.value, float) else {}
+    late = float(one.value or 0.0)
+    if one.code == "gnss_velocity_lag" and position_lag is not None:
+        further = abs(late - position_lag)
+        return {"fuser.map": {"gnss_velocity_delay": f"{further:.2g} s"}} if further > _FURTHER_S else {}
+    return {"aligner.time_offset": {"shift": late * (3600.0 if one.code == "time_zone" else 1.0)}}
 
 
 def needless(one: Finding, fix: Fix, position_lag: float | None) -> str:

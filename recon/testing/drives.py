@@ -123,6 +123,7 @@ def drive(conditions: Conditions = USUAL) -> Recording:
     streams = {
         **_inertial(conditions, rng),
         **_satellite(conditions, rng),
+        **_around(conditions, rng),
         **_others(conditions, rng),
         "events": _events(conditions),
         "metrics": metrics([Metric("earlier", 1.0, "m", note="of a step above")]),
@@ -256,19 +257,15 @@ def _slow(t_s: Floats, rng: np.random.Generator) -> Floats:
     return np.asarray(left * (rng.standard_normal(3) + np.cumsum(steps / left, axis=0)))
 
 
-def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
-    """mag, baro, wheel, frames, ground and visual at 10 Hz."""
+def _around(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
+    """ground and visual at 10 Hz: what a map and a camera tell."""
     truth = conditions.truth(0.1)
     rows, noise = len(truth.t_s), conditions.noise
     time = _times(truth.t_s, conditions)
-    field_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), FIELD_N)
-    height = ANCHOR.height + truth.pos_n[:, 2]
-    pressure = 101_325.0 * (1.0 - 2.25577e-5 * height) ** 5.25588
-    plane = truth.pos_n * (1.0, 1.0, 0.0)
-    lat, lon, ground = enu_to_geodetic(plane, ANCHOR)
-    vel_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), truth.vel_n)
-    speed = np.linalg.norm(vel_s, axis=1)
+    lat, lon, ground = enu_to_geodetic(truth.pos_n * (1.0, 1.0, 0.0), ANCHOR)
     q_ns = multiply(truth.q_nv, MOUNTING)
+    vel_s = rotate(conjugate(q_ns), truth.vel_n)
+    speed = np.linalg.norm(vel_s, axis=1)
     turn = multiply(conjugate(q_ns), np.vstack((q_ns[1:], q_ns[-1:])))
     half = from_rotvec(0.5 * to_rotvec(turn))  # from image to image it goes along the chord
     streams = {
@@ -291,6 +288,19 @@ def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Ta
             rotation_std=np.full(rows, 0.002),
             direction_std=np.where(speed > 1.0, 0.02, np.nan),
         ),
+    }
+    return {name: with_meta(table, **_CLOCK) for name, table in streams.items()}
+
+
+def _others(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:
+    """mag, baro, wheel and frames at 10 Hz."""
+    truth = conditions.truth(0.1)
+    rows, noise = len(truth.t_s), conditions.noise
+    time = _times(truth.t_s, conditions)
+    field_s = rotate(conjugate(multiply(truth.q_nv, MOUNTING)), FIELD_N)
+    height = ANCHOR.height + truth.pos_n[:, 2]
+    pressure = 101_325.0 * (1.0 - 2.25577e-5 * height) ** 5.25588
+    streams = {
         "mag": build(MAG, time=time, mag=field_s + 3e-7 * noise * rng.standard_normal((rows, 3))),
         "baro": build(BARO, time=time, pressure=pressure + 3.0 * noise * rng.standard_normal(rows)),
         "wheel": build(WHEEL, time=time, speed=np.linalg.norm(truth.vel_n, axis=1)),

@@ -239,7 +239,8 @@ def _fault_in_metrics(now: pa.Table, later: pa.Table) -> str:
         by = after - before
         is_time = (np.abs(by - LATER_NS * 1e-9) < 1e-5) | (np.abs(by - LATER_NS) < 1e3)
         if not _close(before[~is_time], after[~is_time]):
-            return f"another {name} of {now['name'][int(np.nanargmax(np.abs(np.where(is_time, 0.0, by))))]}"
+            far = np.nan_to_num(np.abs(by), nan=np.inf) * ~(is_time | (np.isnan(before) & np.isnan(after)))
+            return f"another {name} of {now['name'][int(far.argmax())]}"
     return ""
 
 
