@@ -231,8 +231,7 @@ def handedness(axes: Axes | None, claims: Claims) -> Finding:
         text = (
             "The axes are left-handed: hold thumb, index and middle finger of the right hand along x, y, z and they do "
             f"not fit. {what if axes.mistake == 'left-handed' else f'It looks as if {which} were swapped'}; a left "
-            "turn "
-            "pushes to the wrong side."
+            "turn pushes to the wrong side."
         )
         return contradicted(code, axes.mistake, text, axes.sure)
     axis = int(np.abs(axes.up).argmax())

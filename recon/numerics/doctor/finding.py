@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
@@ -86,6 +87,4 @@ def unknown(code: str, explanation: str, **statistic: float) -> Finding:
 
 def confidence_of(deviations: float) -> float:
     """That a normal error is not so many standard deviations large; 0.999 at most, for models are never exact."""
-    from math import erf, sqrt
-
-    return min(erf(abs(deviations) / sqrt(2.0)), SURE)
+    return min(math.erf(abs(deviations) / math.sqrt(2.0)), SURE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
@@ -99,8 +100,7 @@ def _turned(code: str, off: float, how: str, picture: Picture, numbers: Mapping[
     if abs(off) < 35.0:
         text = (
             f"The course is {abs(off):.1f} deg off {how}, throughout: it counts from magnetic north (a compass "
-            "needle) or "
-            "is the heading of a box that is mounted at that angle, not the course from true north."
+            "needle) or is the heading of a box that is mounted at that angle, not the course from true north."
         )
         return contradicted(code, "magnetic", text, **numbers).shown_by(picture)
     kind = "reversed" if abs(abs(off) - 180.0) < 20.0 else f"turned by {off:.0f} deg"
@@ -129,8 +129,6 @@ def lat_lon(gnss: Gnss) -> Finding:
         return contradicted(code, "swapped", text, largest_deg=float(np.abs(gnss.lat[known]).max()))
     zero = float(((gnss.lat == 0.0) & (gnss.lon == 0.0)).sum())
     misses = {"as told": _miss(gnss)}
-    from dataclasses import replace
-
     misses["swapped"] = _miss(replace(gnss, lat=np.where(np.abs(gnss.lon) < 90.0, gnss.lon, np.nan), lon=gnss.lat))
     misses["south is north"] = _miss(replace(gnss, lat=-gnss.lat))
     misses["west is east"] = _miss(replace(gnss, lon=-gnss.lon))
@@ -150,8 +148,7 @@ def lat_lon(gnss: Gnss) -> Finding:
 
 
 def _miss(gnss: Gnss) -> float:
-    """Median distance between the way by positions and that by velocities, as a share of the latter; NaN if not "
-    "known."""
+    """Median distance between the ways by positions and by velocities, as a share of the latter; NaN if not known."""
     first, last, moved = _tracks(gnss)
     course, speed = gnss.direction, gnss.over_ground
     course = np.where(speed > _LEAST_SPEED, course, np.nan)
@@ -201,8 +198,7 @@ def height_datum(heights: Mapping[str, tuple[Floats, Floats]], claims: Claims) -
 
 
 def gnss_sigma(gnss: Gnss) -> Finding:
-    """Are the errors as small as the receiver says? By how positions jump against velocities, which hides slow "
-    "errors."""
+    """Are errors as small as the receiver says? By how positions jump against velocities; slow ones do not show."""
     code = "gnss_sigma"
     told = np.hypot(gnss.pos_std[:, 0], gnss.pos_std[:, 1]) / np.sqrt(2.0)
     east, north = plane(gnss)
