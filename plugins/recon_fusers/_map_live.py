@@ -23,6 +23,7 @@ from recon.numerics.geodesy import Anchor
 from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
 from recon.numerics.smoothing.arrival import Arrival
 from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances, with_stops_in_silence
+from recon.numerics.smoothing.noise import likely_noise
 from recon.numerics.smoothing.start import continued
 from recon.numerics.smoothing.state import State
 from recon.units import duration_text
@@ -225,17 +226,29 @@ class LiveMap:
         smoother.believe(found.smoother.still[: len(smoother.still)])
         try:
             part = with_covariances(smoother, smoother.about(knots_of(found.solved.state, first), found.solved.noise))
+            noise = found.solved.noise if self.held is None else self._noise_of(found)
         except np.linalg.LinAlgError:
             return
         last = knots_of(part.solved.state, slice(k, k))
         arrival = Arrival.of(
             last, part.covariance[-1], part.cross[-1], part.covariance_common, smoother.free, part.solved.moved_lag
         )
-        self.held = _Held(arrival, found.solved.noise)
+        self.held = _Held(arrival, noise)
         start_ns = int(time_ns(imu)[0])
         knots_ns = start_ns + np.rint(knots * 1e9).astype(np.int64)
         self.guess = (knots_ns[k:], knots_of(found.solved.state, slice(k, len(knots) - 1)))
         self._forget_before(int(time_ns(imu)[samples.row[k * samples.per_interval]]))
+
+    def _noise_of(self, found: Estimate) -> Noise:
+        """What a window with a fix for every knot tells of the noise; that of GNSS positions is as slow as the window
+        is long, and stays as it was learnt at the beginning.
+        """
+        solved = found.solved
+        told = (solved.epochs.fix >= 0) & (solved.pos_weight > 0.5)
+        if not self.params.estimate_noise or told.sum() < solved.state.knots:
+            return solved.noise
+        now, before = likely_noise(found.smoother, solved, found.smoother.still_noise), solved.noise
+        return replace(now, drift=before.drift, drift_tau=before.drift_tau, position=before.position, bank=before.bank)
 
     def _forget_before(self, since_ns: int) -> None:
         self.since_ns = since_ns
