@@ -1,6 +1,6 @@
 """What filter.gyro_temperature gains over filter.gyro_offset on simulated drives with a gyroscope that warms up.
 
-    python tests/benchmarks/gyro_temperature.py [SEEDS] [map] [hysteresis]
+    python tests/benchmarks/gyro_temperature.py [SEEDS] [map [silence]] [hysteresis]
 
 Each seed is a device with slopes and curvatures of its own (sigma 0.02 deg/s/K and 0.0003 deg/s/K^2 on each axis),
 driven for 20 minutes on country roads, IMU `consumer_mems`. It starts at 5 to 20 degC and warms up by 15 to 30 K with 8
@@ -8,9 +8,11 @@ to 15 minutes; the thermometer has steps of 0.25 K and noise of 0.2 K. In the la
 start is known; "remembered" has seen two drives before, of other weather and another offset at power-on. The error is
 what is left of the bias in motion, rms over the three axes.
 
-With the word `map` it is fuser.map that takes the drive, with an outage of 60 s each five minutes: alone, whose bias
-walks, and behind the filter with the device's calibration, so that the bias is the model's and walks about it. The
-errors are then what the outages add to the place, m, and that of the heading throughout, deg.
+With the word `map` it is fuser.map that takes the drive, with an outage of 60 s each five minutes, or with the word
+`silence` with one of four minutes while it warms up: alone, whose bias walks; behind the filter with the device's
+calibration, so that the bias is the model's and walks about it; and with what the temperature does taken off as it
+truly is, which is the most that a model can do. The errors are then what the outages add to the place, m, and that of
+the heading throughout, deg.
 
 With the word `hysteresis` the gyroscope follows the thermometer with 300 s, and the models are those of filter.
 gyro_temperature from the stops of the drive.
@@ -94,16 +96,18 @@ def learnt(seed: int, duration_s: float, folder: str) -> GyroTemperatureParams:
     return remembering
 
 
-def mapped(seed: int, duration_s: float = 1200.0) -> dict[str, float]:
-    """Errors of fuser.map without and with the model: horizontal in the outages m, of the heading deg."""
+def mapped(seed: int, silence: bool, duration_s: float = 1200.0) -> dict[str, float]:
+    """Errors of fuser.map without and with the model, and with the truth: horizontal in the outages m, heading deg."""
     spans = tuple((start, start + 60.0) for start in np.arange(240.0, duration_s - 60.0, 300.0).tolist())
-    made, _ = warmed(seed, 2, duration_s, outages=spans)
+    spans = ((180.0, 420.0),) if silence else spans
+    made, bias = warmed(seed, 2, duration_s, outages=spans)
     reference = made["reference"]
     with tempfile.TemporaryDirectory() as folder:
         params = learnt(seed, duration_s, folder).model_copy(update={"between": "constant"})
         better = gyro_temperature(imu=made["imu"], events=stops(made), params=params)["imu"]
+    cold = replace(made["imu"], gyro=matrix(made["imu"], "gyro") - bias + matrix(made["imu_truth"], "gyro_bias"))
     errors: dict[str, float] = {}
-    for name, imu in (("without", made["imu"]), ("with", better)):
+    for name, imu in (("without", made["imu"]), ("with", better), ("true", cold)):
         found = fuse_map(imu=imu, gnss=made["gnss"], wheel=None, attitude=None, params=MapParams())["trajectory"]
         _, errors[f"{name} m"] = place_errors(found, reference, spans)
         yaw = to_euler(matrix(found, "q"))[0] - to_euler(matrix(reference, "q"))[0]
@@ -139,18 +143,19 @@ def _errors(imu: Any, bias: Array, found: dict[str, Any]) -> dict[str, float]:
     return {name: float(np.degrees(np.sqrt(np.nanmean((off - bias) ** 2)))) for name, off in taken_off.items()}
 
 
-def _print_mapped(seeds: range) -> None:
-    names = ("without m", "with m", "without deg", "with deg")
+def _print_mapped(seeds: range, silence: bool) -> None:
+    names = ("without m", "with m", "true m", "without deg", "with deg", "true deg")
     print("seed " + " ".join(f"{name:>12s}" for name in names), flush=True)
     rows = []
     for seed in seeds:
-        errors = mapped(seed)
+        errors = mapped(seed, silence)
         rows.append([errors[name] for name in names])
         print(f"{seed:4d} " + " ".join(f"{value:12.4f}" for value in rows[-1]), flush=True)
     table = np.array(rows)
     print("all  " + " ".join(f"{value:12.4f}" for value in np.median(table, axis=0)))
-    better = [int((table[:, i + 1] < table[:, i]).sum()) for i in (0, 2)]
-    print(f"better in {better[0]} (place) and {better[1]} (heading) of {len(table)}")
+    for column, name in ((1, "with"), (2, "true")):
+        place, heading = ((table[:, column + i] < table[:, i]).sum() for i in (0, 3))
+        print(f"{name} better than without in {place} (place) and {heading} (heading) of {len(table)}")
 
 
 def main() -> None:
@@ -158,7 +163,7 @@ def main() -> None:
     words = sys.argv[1:]
     seeds = range(int(words[0]) if words and words[0].isdigit() else SEEDS)
     if "map" in words:
-        _print_mapped(seeds)
+        _print_mapped(seeds, "silence" in words)
         return
     late = "hysteresis" in words
     cases = [(late_case if late else case)(seed) for seed in seeds]
