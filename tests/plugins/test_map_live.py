@@ -44,8 +44,12 @@ def follow(live, drive, first_s, stop_s, step_s=10.0):
 
 
 @pytest.fixture(scope="module")
-def followed(drive):
-    live = LiveMap(PARAMS, LAG)
+def live():
+    return LiveMap(PARAMS, LAG)
+
+
+@pytest.fixture(scope="module")
+def followed(live, drive):
     rows = follow(live, drive, 0.0, 421.0)
     return pa.concat_tables([rows, live.finish()["trajectory"]])
 
@@ -74,6 +78,15 @@ def test_its_sigmas_hold(followed, drive):
     ratio = (matrix(later, "vel") - true) / matrix(later, "vel_std")
     # One drive: the errors of a velocity are the same for seconds, so that its mean square scatters by a factor of two.
     assert 0.2 < np.mean(ratio**2) < 3.0
+
+
+def test_a_window_tells_the_noise_anew_but_for_what_is_as_slow_as_it_is_long(live, followed):
+    assert followed.num_rows
+    first, now = live.noise, live.held.noise
+    assert (now.velocity != first.velocity).all()
+    assert now.accel != first.accel
+    assert (now.drift == first.drift).all()
+    assert now.drift_tau == first.drift_tau
 
 
 def test_nothing_is_told_before_a_minute_has_passed(drive):
