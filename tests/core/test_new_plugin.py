@@ -90,6 +90,17 @@ def test_its_tests_pass_unmodified(made: Made, role: str) -> None:
     assert {law: message for law, message in found.items() if message} == {}
 
 
+@pytest.mark.parametrize("time", ["1e30", "9e999999", "-1e30", "nan", "inf"])
+def test_the_reader_of_the_template_refuses_times_beyond_any_clock(tmp_path: Path, time: str) -> None:
+    from recon.errors import ReadFailed
+    from recon.templates.plugin.reader import HEADER, ReadParams, read
+
+    log = tmp_path / "log.txt"
+    log.write_text("\n".join([*HEADER, f"{time},36.5", ""]), encoding="utf-8")
+    with pytest.raises(ReadFailed, match="is not a time and a speed"):
+        read(path=log, params=ReadParams())
+
+
 @pytest.mark.parametrize("role", ALL)
 def test_what_is_generated_has_no_placeholder_left(made: Made, role: str) -> None:
     for path in (made.folder / f"recon-my_{role}").rglob("*"):

@@ -11,7 +11,7 @@ speed_kmh  km/h
 from __future__ import annotations
 
 from collections.abc import Iterable
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Final
 
@@ -66,8 +66,8 @@ def _row(path: Path, number: int, line: str) -> tuple[int, float]:
     """Time in ns since 1970 and speed in km/h of one line. A double would not hold the time to the microsecond."""
     try:
         time, speed = line.split(",")
-        return int(Decimal(time) * 10**9), float(speed)
-    except (ValueError, InvalidOperation, OverflowError):
+        return int(np.int64(int(Decimal(time) * 10**9))), float(speed)
+    except (ValueError, ArithmeticError):  # no number, or one that is too large
         raise ReadFailed(path, f"'{line}' is not a time and a speed", line=number) from None
 
 
