@@ -236,7 +236,7 @@ def _flow_problem(planned: Sequence[PlannedStep], index: int, stream: str, lack:
     if bound.step.node is not None and port in bound.step.inputs:
         where = bound.step.node.at(["in", port]).where
     code = "missing-input" if lack.missing else "wrong-input"
-    return Problem(where, code, f"{bound.stage.key} reads {lack.text}", notes=notes)
+    return Problem(where, code, f"{bound.stage.key} reads {lack.text}", lack.hint, notes)
 
 
 def _in_order(problems: Iterable[Problem]) -> list[Problem]:

@@ -24,6 +24,8 @@ import pyarrow as pa
 ANY: Final = "*"
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 
+_IN_FRAME: Final = "in frame"
+_ALIGN: Final = "put a step that turns it before this one: 'recon plugins aligner' lists them"
 _AXES: Final = (("_x", "_y", "_z"), ("_e", "_n", "_u"), ("_roll", "_pitch", "_yaw"))
 
 
@@ -194,11 +196,13 @@ class Mismatch:
     """Why a stream does not serve a need.
 
     columns : those concerned, none where the whole stream is absent; missing : absent rather than of wrong properties
+    hint : what to do, "" where that is not plain
     """
 
     columns: tuple[str, ...]
     text: str
     missing: bool = False
+    hint: str = ""
 
 
 def match(need: Need, schema: Schema, stream: str) -> list[Mismatch]:
@@ -216,7 +220,7 @@ def _fault(wanted: Column, schema: Schema) -> str:
         return "" if wanted.optional else "missing"
     here = schema[wanted.name]
     if ANY not in (wanted.frame, here.frame) and here.frame != wanted.frame:
-        return f"in frame '{wanted.frame}'; here it is in frame '{here.frame}'"
+        return f"{_IN_FRAME} '{wanted.frame}'; here it is in frame '{here.frame}'"
     if ANY not in (wanted.quantity, here.quantity) and here.quantity != wanted.quantity:
         return f"as {wanted.quantity}; here it is {here.quantity}"
     if here.unit != wanted.unit:
@@ -230,7 +234,7 @@ def _explain(names: tuple[str, ...], fault: str, schema: Schema, stream: str) ->
     shown = f"{stream}.{', '.join(names)}"
     if fault == "missing":
         return Mismatch(names, f"{shown}; columns of '{stream}' here are {', '.join(schema.names)}", missing=True)
-    return Mismatch(names, f"{shown} {fault}")
+    return Mismatch(names, f"{shown} {fault}", hint=_ALIGN if fault.startswith(_IN_FRAME) else "")
 
 
 def vector(group: str, suffixes: str, unit: str, frame: str, quantity: str, doc: str = "") -> tuple[Column, ...]:

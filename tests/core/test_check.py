@@ -77,7 +77,7 @@ def test_frames_are_followed_down_the_list():
     assert found("use: reader.log", "use: filter.turn", "use: filter.vehicle", records=records) == []
     assert found("use: reader.log", "use: filter.vehicle", records=records) == [
         "test.yaml:4:10: error: filter.vehicle reads imu.accel_x, accel_y, accel_z in frame 'vehicle'; "
-        "here it is in frame 'sensor'"
+        "here it is in frame 'sensor'; put a step that turns it before this one: 'recon plugins aligner' lists them"
     ]
 
 
