@@ -62,6 +62,9 @@ _UNKNOWN_WEIGHT: Final = 0.01
 _DISAGREEMENT: Final = 0.5
 """m/s^2 between the lengths of the two vectors of an interval, alike in all frames: half of the weight is gone."""
 
+_LEVEL: Final = 0.04
+"""What information on the level counts for the drift: as if gravity were the 0.2 g of a brisk drive."""
+
 _TINY: Final = float(np.finfo(np.float64).tiny)
 
 _CRUISING: Final = 3.0
@@ -367,10 +370,21 @@ def _residual_bias(
         vectors = _vectors(increments, vel_n, known, gravity_n, segment)
         rot_nc, information_c = vectors.attitude(sigma_s)
         drift_c = rotation_log(mtm(rot_nc[..., :-1], rot_nc[..., 1:])) / vectors.duration
-        rot_cs, weight_c = vectors.rot_cs[..., :-1], information_c[..., :-1]
+        rot_cs, weight_c = vectors.rot_cs[..., :-1], _evened(rot_nc, information_c)[..., :-1]
         normal += mm(mtm(rot_cs, weight_c), rot_cs).sum(axis=-1)
         right -= mtv(rot_cs, mv(weight_c, drift_c)).sum(axis=-1)
     return np.asarray(np.linalg.pinv(normal, hermitian=True) @ right)
+
+
+def _evened(rot_nc: Floats, information_c: Floats) -> Floats:
+    """Information (3, 3, k+1) in which that on the level counts no more than that on the heading usually does.
+
+    Gravity tells it a hundred times as well; but where up is out by some degrees, as in a braking that no fix shows,
+    what the level then drifts by would pass for a drift of the heading, and outweigh it.
+    """
+    up_c = rot_nc[2]
+    heading = (up_c * mv(information_c, up_c)).sum(axis=0)
+    return np.asarray(_LEVEL * information_c + (1.0 - _LEVEL) * heading * up_c[:, None] * up_c)
 
 
 def _unit(v: Floats) -> Floats:

@@ -113,6 +113,23 @@ def turning_unseen(number: int) -> Run:
     return run
 
 
+def braking_unseen(number: int) -> Run:
+    """Straight on, braking and one bend where no velocity is known, while the bias about the long axis wanders."""
+    ways = [Segment(10.0, 23.0), Segment(42.0, 23.0), Segment(7.0, 14.0), Segment(18.0, 14.0), Segment(6.0, 9.0)]
+    last = [
+        Segment(2.0, 9.0, 0.02),
+        Segment(10.0, 9.0, 0.02),
+        Segment(2.0, 9.0),
+        Segment(30.0, 14.0),
+        Segment(9.0, 0.0),
+    ]
+    run = simulate(Drive((Segment(36.0, 0.0), *ways, *last)), 150.0, box(number), number)
+    wanders = np.radians(-0.7) * (run.samples.t_s / 150.0 - 0.5)
+    run.samples.gyro_s[...] += wanders[:, None] * run.rot_vs[0]
+    run.known[(run.samples.knot_times > 88.0) & (run.samples.knot_times < 118.0)] = False
+    return run
+
+
 def unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
@@ -148,6 +165,18 @@ def test_they_are_found_without_any_stop_for_every_mounting(number):
     assert errors.max() < 10.0
     assert errors.mean() < 5.0
     assert angle_deg(alignment.mounting(rot_ns, run.vel_n, run.known), run.rot_vs) < 5.0
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_braking_that_no_velocity_shows_is_no_turn(number):
+    """Changes of speed and a bend, 80 s apart, are known to some degrees each, and tell 0.1 deg/s of bias about up.
+
+    Up to 0.35 deg/s wander about the long axis: where the level is out by 10 degrees, 0.06 deg/s of that seem to be
+    about up.
+    """
+    run = braking_unseen(number)
+    bias = alignment.gyro_bias_from_drift(run.increments(np.zeros(3)), run.vel_n, run.known, GRAVITY_N, run.whole)
+    assert abs((run.rot_vs @ (bias - run.bias))[2]) < np.radians(0.25)
 
 
 @pytest.mark.parametrize("number", range(24))
