@@ -59,7 +59,7 @@ from recon import (
     with_meta,
 )
 from recon.errors import NotEnoughData
-from recon.numerics.constant_velocity import Fusion, Innovations
+from recon.numerics.constant_velocity import Fusion, Innovations, Motion
 from recon.numerics.constant_velocity_chain import chain
 from recon.numerics.rotation import slerp
 from recon.placing import geolocate, silence_warnings, silent_steps
@@ -121,37 +121,18 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
     t_ns, silent = time_ns(imu), silent_steps(imu, params.max_gap, params.longest_gap)
     rows, sigma, learnt = _fixes(imu, gnss, params)
     fix_ns = time_ns(gnss)[rows]
-    white = sigma * np.sqrt(1.0 - params.slow_share)
-    fusion = Fusion.of(
-        (t_ns - t_ns[0]) * 1e-9,
-        matrix(imu, "accel"),
-        silent,
-        (fix_ns - t_ns[0]) * 1e-9,
-        matrix(gnss, "pos", gaps=True)[rows],
-        white**2,
-        held_density=SILENT_NOISE,
-        gate=params.gate,
-        patience=params.patience,
-    )
+    fusion = _fusion(imu, silent, gnss, rows, sigma, params)
     density, told = _density(fusion, params.accel_noise)
     found, seen = fusion.estimate(density, smooth=params.smooth)
     kept = t_ns[len(t_ns) - len(found.pos) :]
-    slow = sigma[np.searchsorted(fix_ns, kept, side="right") - 1] ** 2 * params.slow_share
-    table = build(
-        TRAJECTORY,
-        time=kept,
-        pos=found.pos,
-        vel=found.vel,
-        q=_attitude(kept, attitude),
-        pos_std=np.sqrt(found.pos_var + slow),
-        vel_std=np.sqrt(found.vel_var),
-    )
+    lasting = sigma * np.sqrt(params.slow_share)
+    slow = lasting[np.searchsorted(fix_ns, kept, side="right") - 1]
     learnt += [
         *told,
         *silence_warnings(imu, silent, "the acceleration is taken as zero"),
         *_counts(t_ns, kept, seen, params.gate),
     ]
-    trajectory = geolocate(with_meta(table, **meta(imu), **_body(attitude)), gnss)
+    trajectory = geolocate(with_meta(_trajectory(kept, found, slow, attitude), **meta(imu), **_body(attitude)), gnss)
     streams = {
         "trajectory": trajectory,
         "residuals": _residuals(fix_ns[1:], seen, params.gate),
@@ -159,9 +140,39 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
         "metrics": metrics(learnt),
     }
     if params.smooth:
-        lasting = sigma * np.sqrt(params.slow_share)
         streams["knots"] = _knots(fusion, density, t_ns, fix_ns, lasting, params.slow_time, attitude, trajectory)
     return streams
+
+
+def _fusion(
+    imu: pa.Table, silent: NDArray[np.bool_], gnss: pa.Table, rows: NDArray[np.intp], sigma: Array, params: KalmanParams
+) -> Fusion:
+    """Accelerations, and the fixes of some rows of gnss, whose sigmas (m, 3) m are known."""
+    t_ns = time_ns(imu)
+    return Fusion.of(
+        (t_ns - t_ns[0]) * 1e-9,
+        matrix(imu, "accel"),
+        silent,
+        (time_ns(gnss)[rows] - t_ns[0]) * 1e-9,
+        matrix(gnss, "pos", gaps=True)[rows],
+        sigma**2 * (1.0 - params.slow_share),
+        held_density=SILENT_NOISE,
+        gate=params.gate,
+        patience=params.patience,
+    )
+
+
+def _trajectory(t_ns: NDArray[np.int64], found: Motion, slow: Array, attitude: pa.Table | None) -> pa.Table:
+    """What was found at the times t_ns (n,) ns; slow : (n, 3) m, sigma of what fixes err by for minutes."""
+    return build(
+        TRAJECTORY,
+        time=t_ns,
+        pos=found.pos,
+        vel=found.vel,
+        q=_attitude(t_ns, attitude),
+        pos_std=np.sqrt(found.pos_var + slow**2),
+        vel_std=np.sqrt(found.vel_var),
+    )
 
 
 def _knots(

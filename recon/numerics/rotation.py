@@ -253,8 +253,12 @@ def slerp(t_new: ArrayLike, t: ArrayLike, q: ArrayLike, max_gap: float | None = 
     if max_gap is not None:
         far = np.asarray(samples[right] - samples[left]) > max_gap
         fraction[(fraction > 0.0) & (fraction < 1.0) & far] = np.nan
-    turn = to_rotvec(multiply(conjugate(q[left]), q[right]))
-    return multiply(q[left], from_rotvec(fraction[:, None] * turn))
+    out = q[np.where(fraction < 1.0, left, right)]
+    out[np.isnan(fraction)] = np.nan
+    between = np.flatnonzero((fraction > 0.0) & (fraction < 1.0))
+    first, turn = q[left[between]], to_rotvec(multiply(conjugate(q[left[between]]), q[right[between]]))
+    out[between] = multiply(first, from_rotvec(fraction[between, None] * turn))
+    return np.asarray(out)
 
 
 def compose(dq: ArrayLike, q0: ArrayLike) -> Floats:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recon.numerics.constant_velocity import FIRST_SPEED, Fusion, Innovations, Motion, pushes
+from recon.numerics.constant_velocity import FIRST_SPEED, Fusion, Innovations, Motion
+from recon.numerics.constant_velocity_pushes import pushes
 from recon.numerics.rotation import Floats
 
 RATE_HZ = 50.0
