@@ -53,41 +53,19 @@ from recon import (
 )
 from recon.errors import DataError
 from recon.extras import needs
-from recon.numerics.epipolar import TwoViews, forward, parallax, sampson, two_views
+from recon.numerics.epipolar import TwoViews
 from recon.numerics.rotation import from_euler, from_matrix, to_matrix
 from recon_integrators._pictures import Grey, pictures
+from recon_integrators._two_images import followed, motion, rays
 
 Times = NDArray[np.int64]
-Agree = NDArray[np.bool_]
 
 _OPTICAL: Final = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Axes of an image (right, down, ahead) to ahead, left, up."""
-_BACK_PX: Final = 0.5
-"""Corners come back to where they were within this."""
-_AGREES_PX: Final = 0.5
-"""Distance from its line within which a corner agrees with a motion."""
-_NOISE_PX: Final = 0.05
-"""No tracker is better."""
-_STANDS_PX: Final = 0.5
-"""Median motion of corners beyond the rotation that tells a direction."""
-_ROUNDS: Final = 2
-"""Of asking which corners agree."""
-_LEAST: Final = 40
-"""Corners that agree."""
-_SHARE: Final = 0.5
-"""Of the corners that were followed, that agree."""
 _EARLY: Final = 0.9
 """Share of the interval after which an image is far enough from the one before: cameras jitter."""
 _LONGEST_S: Final = 1.0
 """Images further apart are not compared."""
-_CLEAR: Final = 3e-3
-"""Least eigenvalue of a corner in OpenCV's units, gradients of 1.8 grey levels a pixel: noise in the dark has less."""
-_WINDOW, _LEVELS, _CLOSEST_PX = (11, 11), 3, 10.0
-"""Of the tracker: pixels, halvings; distance between corners.
-
-Coming nearer, the road grows, at the lower edge of a window more than at the upper one, which looks like a slow climb:
-by 0.37 deg in windows of 21 pixels, 0.26 of 15, 0.20 of 11. In smaller ones the noise grows.
-"""
 
 
 class VisualOdometryParams(Params):
@@ -199,8 +177,10 @@ class _Seen:
         if self.t_ns[row] - self.t_ns[row - 1] > _LONGEST_S * 1e9:
             return
         self.pairs += 1
-        first, last = followed(before, image, self._params.features)
-        found = _motion(_rays(first, self._params), _rays(last, self._params), self._params)
+        params = self._params
+        lens = params.focal, params.centre, params.distortion
+        first, last = (rays(corners, *lens) for corners in followed(before, image, params.features))
+        found = motion(first, last, 2.0 / sum(params.focal))
         if found is not None:
             yield _Motion(row - 1, row, *found)
 
@@ -211,70 +191,6 @@ class _Seen:
                 f"the centre {x:g}, {y:g} lies outside of images of {width} x {height} pixels",
                 "give focal and centre of a calibration at the size of these images",
             )
-
-
-def followed(before: Grey, image: Grey, most: int) -> tuple[Array, Array]:
-    """Corners in two images: (n, 2) px each, those that are found in the second and back again.
-
-    before, image : (h, w)
-    """
-    import cv2
-
-    first = cv2.goodFeaturesToTrack(before, most, 0.01, _CLOSEST_PX)
-    if first is None:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    options = {"winSize": _WINDOW, "maxLevel": _LEVELS, "minEigThreshold": _CLEAR}
-    last, there, _ = cv2.calcOpticalFlowPyrLK(before, image, first, None, **options)  # type: ignore[call-overload]
-    again, back, _ = cv2.calcOpticalFlowPyrLK(image, before, last, None, **options)  # type: ignore[call-overload]
-    apart = np.linalg.norm((again - first).reshape(-1, 2), axis=1)
-    kept = (there.ravel() == 1) & (back.ravel() == 1) & (apart < _BACK_PX)
-    return first.reshape(-1, 2)[kept].astype(np.float64), last.reshape(-1, 2)[kept].astype(np.float64)
-
-
-def _rays(corners: Array, params: VisualOdometryParams) -> Array:
-    """Rays (n, 3) in the axes of an image, third component 1, of corners (n, 2) px."""
-    import cv2
-
-    if not len(corners):
-        return np.zeros((0, 3))
-    (fx, fy), (cx, cy) = params.focal, params.centre
-    camera = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    plane = cv2.undistortPoints(corners[:, None], camera, np.array(params.distortion or (0.0,) * 4))
-    return np.hstack([plane[:, 0], np.ones((len(corners), 1))])
-
-
-def _motion(a: Array, b: Array, params: VisualOdometryParams) -> tuple[TwoViews, int, bool] | None:
-    """What rays (n, 3) tell: the motion, how many agree, does it move; None where they tell nothing."""
-    import cv2
-
-    if len(a) < _LEAST:
-        return None
-    pixel = 2.0 / sum(params.focal)
-    essential, mask = cv2.findEssentialMat(
-        a[:, :2], b[:, :2], np.eye(3), method=cv2.RANSAC, prob=0.999, threshold=_AGREES_PX * pixel
-    )
-    if essential is None or len(essential) < 3 or mask.sum() < _LEAST:
-        return None
-    one, other, way = cv2.decomposeEssentialMat(essential[:3])
-    rot_ab = np.asarray(max(one, other, key=np.trace).T, dtype=np.float64)
-    views, agree = _refined(a, b, rot_ab, np.asarray(rot_ab @ way[:, 0]), mask.ravel() == 1, pixel)
-    if agree.sum() < max(_LEAST, _SHARE * len(a)):
-        return None
-    a, b = a[agree], b[agree]
-    moves = float(np.median(parallax(a, b, views.rot_ab))) > _STANDS_PX * pixel
-    ahead = forward(a, b, views.rot_ab, views.direction_a)
-    return views._replace(direction_a=ahead), int(agree.sum()), moves
-
-
-def _refined(a: Array, b: Array, rot_ab: Array, way: Array, agree: Agree, pixel: float) -> tuple[TwoViews, Agree]:
-    """The motion by all rays that agree with it, which may be others than RANSAC found: they are asked again."""
-    for _ in range(_ROUNDS):
-        views = two_views(a[agree], b[agree], rot_ab, way, _NOISE_PX * pixel)
-        rot_ab, way = views.rot_ab, views.direction_a
-        agree = np.abs(sampson(a, b, rot_ab, way)) < _AGREES_PX * pixel
-        if agree.sum() < _LEAST:
-            break
-    return views, agree
 
 
 def _table(motions: list[_Motion], t_ns: Times, params: VisualOdometryParams) -> pa.Table:
