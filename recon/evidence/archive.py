@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, Final
 
 from recon.errors import Difference, ReadFailed
+from recon.storage.atomic import storage_errors
 
 _DATE: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest that a zip archive can hold."""
@@ -128,7 +129,8 @@ def strange_byte(file: Path, entries: Iterable[Entry]) -> int | None:
     """Offset of the first byte that is not as `write` leaves these entries; None where all are."""
     with TemporaryDirectory(prefix="recon-seal-") as folder:
         again = Path(folder) / "again.zip"
-        write(entries, again)
+        with storage_errors(again):
+            write(entries, again)
         with file.open("rb") as one, again.open("rb") as other:
             return _first_unlike(one, other)
 

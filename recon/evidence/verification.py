@@ -13,12 +13,13 @@ from tempfile import TemporaryDirectory
 from typing import IO, Any, Final
 
 from recon import api
-from recon.errors import ConfigError, Difference, PluginError, ReadFailed, ReconError
+from recon.errors import ConfigError, Difference, PluginError, ReadFailed, ReconError, StorageError
 from recon.evidence import archive, contents, replay
 from recon.evidence.archive import Entry
 from recon.evidence.sameness import SAME_BYTES, SAME_NUMBERS
 from recon.problems import Problem
 from recon.registry import Registry
+from recon.storage.atomic import storage_errors
 
 _WHOLE: Final = "every byte of the file is as it was sealed"
 _ALIKE: Final = "code, packages and arithmetic are those of the seal, so it was changed after it was run"
@@ -57,7 +58,7 @@ def verify(file: str | Path, *, sha256: str | None = None, registry: Registry | 
     sha256 : of the file, as it was noted when it was sealed
 
     Raises Difference with the first difference, ReadFailed for what is no seal, PluginNotFound where a stage is not
-    installed here.
+    installed here, StorageError where the temporary folder has no room for it.
     """
     path, registry = Path(file), registry or Registry.installed()
     whole = _digest(path)
@@ -222,9 +223,10 @@ def _unpack(entry: Entry, folder: Path, name: str) -> None:
     target = (folder / name).resolve()
     if not target.is_relative_to(folder.resolve()):
         raise Difference(f"{entry.name}: its name leads out of the archive")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with entry.open() as source, target.open("wb") as file:
-        shutil.copyfileobj(source, file)
+    with storage_errors(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with entry.open() as source, target.open("wb") as file:
+            shutil.copyfileobj(source, file)
 
 
 def _replayed(
@@ -243,9 +245,11 @@ def _replayed(
         alike = _SLIGHTLY if replay.only_rounded(error.streams) else _ALIKE
         error.hint = f"{_WHOLE}; {_since(notes) or alike}"
         raise
-    except PluginError:
+    except (PluginError, StorageError):
         raise
     except ReconError as error:
+        if isinstance(error.__cause__, MemoryError):
+            raise
         text = f"run again, it ends with an error: {error.message}"
         raise Difference(text, f"{_WHOLE}; {_since(notes) or _ALIKE}") from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import socket
 import subprocess
@@ -27,7 +28,7 @@ import recon
 from recon import api, evidence
 from recon.arithmetic import Arithmetic
 from recon.cli import main
-from recon.errors import ConfigError, DataError, Difference, PluginNotFound, ReadFailed
+from recon.errors import ConfigError, DataError, Difference, PluginNotFound, ReadFailed, StageError, StorageError
 from recon.evidence import archive, contents, replay
 from recon.evidence.sameness import kinships, unlike, unlike_data, unlike_numbers
 from recon.evidence.verification import check_bytes
@@ -593,6 +594,34 @@ def test_what_is_no_seal_is_refused(tmp_path):
 def test_a_hash_that_is_none_is_a_wrong_option(sealed):
     with pytest.raises(ConfigError, match="is no SHA-256"):
         evidence.verify(sealed, sha256="abc")
+
+
+@pytest.mark.parametrize("kind", ["disk", "memory"])
+def test_a_machine_without_room_for_the_run_is_no_difference(sealed, monkeypatch, kind):
+    def too_small(*given, **named):
+        error = StorageError("no room") if kind == "disk" else StageError("filter.x", "no room")
+        raise error from (None if kind == "disk" else MemoryError())
+
+    monkeypatch.setattr(api, "execute", too_small)
+    with pytest.raises(StorageError if kind == "disk" else StageError, match="no room"):
+        evidence.verify(sealed)
+
+
+VERIFIED_WITHOUT_ROOM = """
+import resource, sys
+from recon.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+sys.exit(main(["verify", sys.argv[1]]))
+"""
+"""A limit on the size of files stands for a temporary folder that is full."""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits on the size of files are those of POSIX")
+def test_a_temporary_folder_without_room_is_told_in_a_sentence(sealed):
+    command = [sys.executable, "-c", VERIFIED_WITHOUT_ROOM, str(sealed)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 8, done.stderr
+    assert "could not be written: file too large" in done.stderr
 
 
 def test_verifying_leaves_nothing_behind_and_changes_nothing(sealed, monkeypatch, tmp_path):
