@@ -23,12 +23,25 @@ from urllib.parse import unquote
 import numpy as np
 import pyarrow as pa
 
-from recon.fleet.compacted import FAILED, NAMES, OK, SCHEMAS, TOKEN, Index, Older, failed_before, is_settled, opened
+from recon.fleet.compacted import (
+    FAILED,
+    JOBS,
+    NAMES,
+    OK,
+    SCHEMAS,
+    TOKEN,
+    Index,
+    Older,
+    failed_before,
+    is_settled,
+    opened,
+)
 from recon.fleet.inputs import Drive
 from recon.fleet.places import Stamp, fetch
 from recon.fleet.root import Root
 from recon.jobs import Outcome
 from recon.storage import mcap
+from recon.storage.atomic import storage_errors
 from recon.storage.json_text import to_json
 
 _FIGURES: Final = ("duration", "distance", "top_speed", "stops", "pos_std")
@@ -74,7 +87,7 @@ def compact(root: Root, index: Index, failures: Mapping[str, dict[str, Any]]) ->
     Raises StorageError.
     """
     keys = sorted({*root.keys(), *failures})
-    with ThreadPoolExecutor(_THREADS) as pool, root.scratch() as scratch:
+    with ThreadPoolExecutor(_THREADS) as pool, root.scratch() as scratch, storage_errors(scratch / JOBS):
         at_once = map if root.place.is_local else pool.map
         rows = _known(index, keys, at_once(root.stamp, keys))
         failed = {key: failures[key] for key, row in zip(keys, rows, strict=True) if row == _ABSENT and key in failures}

@@ -19,6 +19,7 @@ from typing import Final
 from recon.errors import ConfigError
 from recon.fleet.places import Place
 from recon.problems import Problem
+from recon.storage.atomic import storage_errors
 
 NAME: Final = ".lock"
 BEAT_S: Final = 3.0
@@ -31,11 +32,12 @@ SETTLE_S: Final = 0.5
 
 @contextmanager
 def locked(root: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which is there. Raises ConfigError where another process holds it.
+    """Hold the lock of a folder, which is there. Raises ConfigError where another process holds it, StorageError.
 
     The lock is on the file, not the file: it stays behind and means nothing.
     """
-    descriptor = os.open(root / NAME, os.O_RDWR | os.O_CREAT)  # not inherited by children (PEP 446)
+    with storage_errors(root / NAME):
+        descriptor = os.open(root / NAME, os.O_RDWR | os.O_CREAT)  # not inherited by children (PEP 446)
     try:
         if not _taken(descriptor):
             raise _busy(str(root))

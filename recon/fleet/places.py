@@ -136,9 +136,10 @@ def without_query(told: object) -> str:
     return _QUERY.sub(r"\1", str(told))
 
 
-def glob(pattern: Place) -> Iterator[tuple[Place, Stamp]]:
+def glob(pattern: Place) -> Iterator[tuple[Place, Stamp | None]]:
     """Files and folders that match a pattern with `*`, `?`, `[...]` and `**`, sorted; none that are hidden.
 
+    A link to what is not there has no stamp: it is a drive that cannot be read, not one that is passed over.
     In a URI a `?` begins its query, so it is no wildcard there. Raises OSError.
     """
     *folders, last = pattern.path.split("/")
@@ -154,8 +155,8 @@ def glob(pattern: Place) -> Iterator[tuple[Place, Stamp]]:
             yield from _found(pattern, chosen[first : first + _CHUNK])
 
 
-def _found(pattern: Place, paths: list[str]) -> Iterator[tuple[Place, Stamp]]:
-    """Those paths where something is; for `**` at the end only files."""
+def _found(pattern: Place, paths: list[str]) -> Iterator[tuple[Place, Stamp | None]]:
+    """Those paths where something is, a link counts; for `**` at the end only files."""
     from pyarrow import fs
 
     for info in pattern.filesystem.get_file_info(paths):
@@ -163,6 +164,8 @@ def _found(pattern: Place, paths: list[str]) -> Iterator[tuple[Place, Stamp]]:
             yield pattern.at(info.path), (int(info.size), int(info.mtime_ns))
         elif info.type == fs.FileType.Directory and not pattern.path.endswith("/**"):
             yield pattern.at(info.path), stamp(pattern.at(info.path)) or (0, 0)
+        elif info.type == fs.FileType.NotFound and pattern.is_local and Path(info.path).is_symlink():
+            yield pattern.at(info.path), None
 
 
 def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[str]:
@@ -184,8 +187,20 @@ def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[
     if deep:
         shown = [one for one in wanted if "/." not in one[len(path) :]]
         return [path, *shown] if folders_only else shown
+    if pattern.is_local and not folders_only:
+        wanted += _dangling(path)
     named = ((one, one.rpartition("/")[2]) for one in wanted)
     return [one for one, name in named if fnmatchcase(name, part) and not name.startswith(".")]
+
+
+def _dangling(folder: str) -> Iterator[str]:
+    """Links in a local folder that lead to nothing, which pyarrow leaves out."""
+    if not Path(folder or "/").is_dir():
+        return
+    with os.scandir(folder or "/") as entries:
+        for entry in entries:
+            if entry.is_symlink() and not Path(entry.path).exists():
+                yield f"{folder}/{entry.name}"
 
 
 def fetch(place: Place, folder: Path) -> Path:

@@ -319,6 +319,15 @@ def test_a_glob_that_matches_nothing_is_told_at_its_place(small: Path, capsys: p
     assert "4:10: error: nothing matches nowhere/*" in refused(small, "logs/*/*.txt", "nowhere/*", capsys)
 
 
+def test_a_link_to_what_is_not_there_is_a_drive_that_cannot_be_read(small: Path, capsys) -> None:
+    """As on a disk that is not mounted: such a drive is not passed over."""
+    (small.parent / "logs" / "B7" / "gone.txt").symlink_to(small.parent / "nowhere.txt")
+    assert main(["batch", str(small), "--json", "--executor", "serial"]) == 6
+    (failure,) = json.loads(capsys.readouterr().out)["failures"]
+    assert (failure["job"], failure["code"]) == ("vehicle=B7/drive=gone", "unreadable")
+    assert failure["reason"].endswith("gone.txt: there is no such file or folder")
+
+
 def test_two_files_of_one_name_are_refused(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rule = "'logs/*/*.txt', vehicle: stem, drive: stem"
     assert "are both drive 'd0' of vehicle 'd0'" in refused(small, "'logs/*/*.txt'", rule, capsys)
