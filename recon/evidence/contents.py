@@ -142,8 +142,8 @@ def _requirements(lines: Iterable[str]) -> list[str]:
 
 def same_recon(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> bool:
     """Was it sealed by the very code of recon that runs here?"""
-    digests = [{part["package"]: part["sha256"] for part in one.get("code", ())} for one in (sealed, here)]
-    return bool(digests[0].get("recon") == digests[1].get("recon"))
+    told, runs = (_code_told(one).get(recon.__name__, {}).get("sha256") for one in (sealed, here))
+    return bool(told == runs)
 
 
 def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
@@ -157,14 +157,19 @@ def changed_versions(sealed: Mapping[str, Any], here: Mapping[str, Any]) -> list
     for name, version in here["packages"].items():
         if packages.get(name) not in (None, version) and name != FIRST_PARTY:
             found.append(f"{name} was {packages[name]}, here it is {version}")
-    told = sealed.get("code")
-    code = {str(part.get("package")): part for part in map(_mapping, told if isinstance(told, list) else ())}
+    code = _code_told(sealed)
     for part in here["code"]:
         before = code.get(part["package"])
         if before is not None and before.get("sha256") != part["sha256"]:
             same = before.get("version") == part["version"]
             found.append(f"the code of {part['package']} is another one" + f", also of {part['version']}" * same)
     return found
+
+
+def _code_told(versions: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """What versions tell of each package's code, by its name."""
+    told = versions.get("code")
+    return {str(part.get("package")): part for part in map(_mapping, told if isinstance(told, list) else ())}
 
 
 def _mapping(data: object) -> Mapping[str, Any]:
