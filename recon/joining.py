@@ -156,14 +156,21 @@ def _during(table: pa.Table, other: pa.Table) -> pa.Table:
 
 def _agree(first: pa.Table, second: pa.Table) -> bool:
     """Do most rows have a time of the other table, and at those times the same values, as far as both have one?"""
-    import pyarrow.compute as pc  # slow import: only when used
-
     times, own, others = np.intersect1d(time_ns(first), time_ns(second), return_indices=True)
     if 2 * len(times) < max(first.num_rows, second.num_rows):
         return False
     one, other = select_rows(first, own), select_rows(second, others)
-    equal = [pc.fill_null(pc.equal(one[name], other[name]), True) for name in one.column_names]
-    return all(pc.all(column).as_py() for column in equal)
+    return all(_same(one[name], other[name]) for name in one.column_names)
+
+
+def _same(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
+    """Equal wherever both have a value."""
+    import pyarrow.compute as pc  # slow import: only when used
+
+    if pa.types.is_nested(one.type):  # which pc.equal does not take
+        both = pc.and_(one.is_valid(), other.is_valid())
+        return bool(one.filter(both).equals(other.filter(both)))
+    return bool(pc.all(pc.fill_null(pc.equal(one, other), True)).as_py())
 
 
 def _after(late: Recording, early: Recording) -> Recording:

@@ -24,7 +24,7 @@ from recon.errors import ReadFailed
 from recon.plan import Plan, PlannedStep
 from recon.runner import Outcome
 from recon.storage.atomic import EXPORT_MANIFEST, MANIFEST, MARK
-from recon.storage.json_text import readable, to_json
+from recon.storage.json_text import name_of, readable, to_json
 
 NUMBER: Final = 1
 
@@ -55,11 +55,11 @@ def describe_input(path: Path) -> dict[str, Any]:
     """Name, size and hash of an input; of a folder, those of all its files. Raises ReadFailed."""
     try:
         if not path.is_dir():
-            return {"name": path.name, "bytes": path.stat().st_size, "sha256": digest(path)}
+            return {"name": name_of(path), "bytes": path.stat().st_size, "sha256": digest(path)}
         parts = [describe_input(part) | {"name": part.relative_to(path).as_posix()} for part in _files_below(path)]
     except OSError as error:
         raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
-    return {"name": path.name, "files": parts}
+    return {"name": name_of(path), "files": parts}
 
 
 def _files_below(folder: Path) -> list[Path]:

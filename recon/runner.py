@@ -32,7 +32,7 @@ from recon.registry import Registry
 from recon.rows import metrics, warnings_of
 from recon.schema import APPENDED, by_step
 from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
-from recon.storage.json_text import readable
+from recon.storage.json_text import name_of
 from recon.tables import Streams, append, build, conform, schema_of
 
 Source: TypeAlias = Recording | Sequence[Path]
@@ -151,7 +151,7 @@ def read_one(step: PlannedStep, path: Path, registry: Registry, wanted: Wanted =
     except OSError as error:
         raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
     recording = _kept(Recording({}), step, checked(step, returned))
-    return Recording(recording.streams, {"sources": [readable(path.name)]})
+    return Recording(recording.streams, {"sources": [name_of(path)]})
 
 
 def _kept(recording: Recording, step: PlannedStep, returned: Streams) -> Recording:

@@ -14,6 +14,8 @@ from recon.cli import _console as console
 from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from recon.outages import Outage, Study
 
 _HEAD: Final = (
@@ -51,6 +53,7 @@ def outages(
 
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
+        _figures()  # before all the work, not after it
     chosen, overrides = Pipeline.from_file(pipeline), overrides_of(settings)
     registry = registry_of(blocked, first_party_only)
     found = study(paths, chosen, _lengths(lengths), most=most, seed=seed, overrides=overrides, registry=registry)
@@ -140,13 +143,18 @@ def _keep(out: Path, data: Mapping[str, Any], found: Study, *, overwrite: bool) 
         _draw(folder / "outages.png", found.outages)
 
 
-def _draw(path: Path, found: Mapping[float, Sequence[Outage]]) -> None:
-    """How the horizontal error grows in every outage. Raises PluginError where Matplotlib is not installed."""
+def _figures() -> type[Figure]:
+    """Raises PluginError where Matplotlib is not installed."""
     from recon.extras import needs
 
     with needs("the plot", "matplotlib", extra="figures"):
         from matplotlib.figure import Figure
-    figure = Figure(figsize=(6.7, 3.6), layout="constrained")
+    return Figure
+
+
+def _draw(path: Path, found: Mapping[float, Sequence[Outage]]) -> None:
+    """How the horizontal error grows in every outage."""
+    figure = _figures()(figsize=(6.7, 3.6), layout="constrained")
     axes = figure.subplots()
     for color, (length, some) in zip(cycle(_COLORS), found.items(), strict=False):
         for number, one in enumerate(some):

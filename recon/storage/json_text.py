@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from typing import Any, Final
 
 _SURROGATE: Final = re.compile("[\ud800-\udfff]")
@@ -24,6 +25,11 @@ def to_json(data: Any, *, indent: int | None = None, sort_keys: bool = False) ->
 def readable(name: str) -> str:
     """A name as Unicode text."""
     return _SURROGATE.sub(_escape, name)
+
+
+def name_of(path: Path) -> str:
+    """The readable last part of a path, also of one told as `.` or `..`."""
+    return readable(path.resolve().name if path.name in ("", "..") else path.name)
 
 
 def _escape(found: re.Match[str]) -> str:

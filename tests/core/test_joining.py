@@ -67,6 +67,16 @@ def test_pieces_that_follow_each_other_become_one_in_the_order_of_time(order):
     assert vector(recording["imu"], "gyro_x").tolist() == [0.0, 3.0, 6.0, 0.0, 3.0]
 
 
+def test_pieces_that_overlap_are_joined_though_a_column_holds_lists():
+    times = clock(6)
+    lists = pa.table({"time": times, "covariance": [[1.0 * i, None] for i in range(5)] + [None]})
+    whole = joined([part("knots", lists.slice(0, 4)), part("knots", lists.slice(2))])
+    assert whole["knots"]["covariance"].to_pylist() == lists["covariance"].to_pylist()
+    other = lists.set_column(1, "covariance", pa.array([[9.0, None]] * 6))
+    with pytest.raises(DataError, match="differ there"):
+        joined([part("knots", lists.slice(0, 4)), part("knots", other.slice(2))])
+
+
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 2, 1, 3], [3, 0, 2, 1]])
 def test_two_sensors_logged_in_two_pieces_become_one_imu(order):
     late = START_NS + SECOND

@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import json
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 from helpers import filter_of, imu_table, pipeline_of, source_of
@@ -93,6 +94,14 @@ def test_an_input_folder_is_known_by_all_its_files(tmp_path):
     told = manifest.describe_input(tmp_path / "drive")
     assert told["name"] == "drive"
     assert [(part["name"], part["bytes"]) for part in told["files"]] == [("b.txt", 1), ("deep/a.txt", 0)]
+
+
+@pytest.mark.parametrize("told", [".", "..", "drive/.."])
+def test_the_folder_in_which_one_is_has_its_own_name(tmp_path, monkeypatch, told):
+    inside = tmp_path / "drive" / "deep" / "drive"
+    inside.mkdir(parents=True)
+    monkeypatch.chdir(inside.parent)
+    assert manifest.describe_input(Path(told))["name"] == {"..": "drive"}.get(told, "deep")
 
 
 def test_a_missing_input_is_a_read_failure(tmp_path):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -106,6 +107,12 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     for wrong in ("ten", "nan", "10,inf", "0", ""):
         assert main(["outages", str(kept), "--lengths", wrong]) == 2
         assert capsys.readouterr().err == f"error: --lengths '{wrong}' are no seconds; write 10,30,60\n"
+
+
+def test_a_plot_that_cannot_be_drawn_is_refused_before_the_log_is_read(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert main(["outages", str(tmp_path / "no.txt"), "--out", str(tmp_path / "tunnels")]) == 3
+    assert 'pip install "recon-dynamics[figures]"' in capsys.readouterr().err
 
 
 def test_a_base_result_that_is_not_to_be_trusted_says_so_beside_the_errors():
