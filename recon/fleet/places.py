@@ -176,8 +176,11 @@ def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[
         return [f"{path}/{part}"]
     deep = part == "**"
     try:
-        infos = below(pattern.at(path), deep=deep)
-        wanted = [info.path for info in infos if not folders_only or info.type == fs.FileType.Directory]
+        if deep and pattern.is_local:
+            wanted = [one for one, is_folder in _walked(path) if is_folder or not folders_only]
+        else:
+            infos = below(pattern.at(path), deep=deep)
+            wanted = [info.path for info in infos if not folders_only or info.type == fs.FileType.Directory]
     except NotADirectoryError:
         return []
     except UnicodeDecodeError as error:
@@ -191,6 +194,28 @@ def _below(pattern: Place, path: str, part: str, *, folders_only: bool) -> list[
         wanted += _dangling(path)
     named = ((one, one.rpartition("/")[2]) for one in wanted)
     return [one for one, name in named if fnmatchcase(name, part) and not name.startswith(".")]
+
+
+def _walked(folder: str, within: frozenset[Path] = frozenset()) -> Iterator[tuple[str, bool]]:
+    """Paths below a local folder, if there is one, and whether each is a folder.
+
+    Links are followed, but not to a folder that they lie in: that would have no end.
+    within : folders, free of links, on the way here
+    """
+    within |= {Path(folder or "/").resolve()}
+    if not Path(folder or "/").is_dir():
+        return
+    with os.scandir(folder or "/") as found:
+        entries = sorted((entry.name, entry.is_dir(), entry.is_symlink()) for entry in found)
+    for name, is_folder, is_link in entries:
+        path = f"{folder}/{name}"
+        if readable(name) != name:
+            raise OSError(f"the name {readable(name)} in {folder} is not UTF-8: rename it")
+        if is_link and is_folder and Path(path).resolve() in within:
+            continue
+        yield path, is_folder
+        if is_folder:
+            yield from _walked(path, within)
 
 
 def _dangling(folder: str) -> Iterator[str]:

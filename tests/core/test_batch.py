@@ -328,6 +328,19 @@ def test_a_link_to_what_is_not_there_is_a_drive_that_cannot_be_read(small: Path,
     assert failure["reason"].endswith("gone.txt: there is no such file or folder")
 
 
+def test_a_link_to_a_folder_is_followed_but_not_without_end(small: Path, capsys) -> None:
+    """Two links to the folder that they lie in are 2^40 ways, which a walk would follow until the memory is full."""
+    logs = small.parent / "logs"
+    for name in ("here", "there"):
+        (logs / "B7" / name).symlink_to(".")
+    (small.parent / "elsewhere").mkdir()
+    (small.parent / "elsewhere" / "d9.txt").write_text("good 9", encoding="utf-8")
+    (logs / "C1").symlink_to(small.parent / "elsewhere")
+    small.write_text(small.read_text(encoding="utf-8").replace("logs/*/*.txt", "logs/**/*.txt"), encoding="utf-8")
+    found = told(capsys, "batch", str(small), "--dry-run")["to_do"]
+    assert {one["job"] for one in found} == keys({**GOOD, "C1/d9": ""})
+
+
 def test_two_files_of_one_name_are_refused(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rule = "'logs/*/*.txt', vehicle: stem, drive: stem"
     assert "are both drive 'd0' of vehicle 'd0'" in refused(small, "'logs/*/*.txt'", rule, capsys)
