@@ -194,9 +194,9 @@ def test_what_is_missing_is_said_in_a_sentence(bend, tmp_path, monkeypatch):
 
 
 def test_in_an_outage_without_wheels_a_camera_halves_the_error(tmp_path):
-    """The first drives of the benchmark: on all, to a tenth where the log ends, to 0.53 where fixes come again.
+    """The first drives of the benchmark: on all, to a sixth where the log ends, to 0.42 where fixes come again.
 
-    Between fixes of centimetres even directions without any error would leave 0.4 to 0.5: of what errs along the way.
+    Between fixes of centimetres even a camera without any error would leave 0.4: of what errs along the way.
     """
     from benchmarks import camera
 
@@ -212,7 +212,7 @@ def test_in_an_outage_without_wheels_a_camera_halves_the_error(tmp_path):
             ]
         )
     bridged, bridged_beside, ended, ended_beside = np.sqrt(np.mean(np.square(apart), axis=0))
-    assert bridged_beside < bridged
+    assert bridged_beside <= 0.5 * bridged
     assert ended_beside <= 0.5 * ended
 
 
