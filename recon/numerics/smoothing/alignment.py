@@ -15,13 +15,12 @@ References
     J. Astronautical Sciences 36(3), 245-258 (solution, covariance).
     Wu, Pan (2013), "Velocity/position integration formula part I: application to in-flight coarse alignment",
     IEEE Trans. Aerospace and Electronic Systems 49(2), 1006-1023 (vectors from changes of velocity).
-    Forster, Carlone, Dellaert, Scaramuzza (2017), IEEE T-RO 33(1), eq. 44 (increments for another bias).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -33,7 +32,6 @@ from recon.numerics.smoothing.soa import (
     matrix_to_quat,
     mm,
     mmt,
-    mtm,
     mtv,
     mv,
     quat_to_matrix,
@@ -46,12 +44,6 @@ NEARBY_S: Final = 60.0
 """s, standard deviation of the bell that weighs the vectors around a knot: long enough to hold turns and stops, short
 enough for the drift of gyroscopes whose bias is known to 0.05 deg/s."""
 
-_DRIFT_BELLS_S: Final = (8.0, 20.0, 60.0)
-"""s; the better the bias is known, the longer the chain may be trusted."""
-
-_ROUNDS: Final = 3
-"""With each bell: smoothing hides part of the drift, more the nearer the ends, so each round finds what was left."""
-
 _TAIL: Final = 0.01
 """Share of far vectors, which falls with the time between: where the vehicle stands for minutes, or has no fixes, the
 chain carries the heading there."""
@@ -62,20 +54,14 @@ _UNKNOWN_WEIGHT: Final = 0.01
 _DISAGREEMENT: Final = 0.5
 """m/s^2 between the lengths of the two vectors of an interval, alike in all frames: half of the weight is gone."""
 
-_LEVEL: Final = 0.04
-"""What information on the level counts for the drift: as if gravity were the 0.2 g of a brisk drive."""
-
 _TINY: Final = float(np.finfo(np.float64).tiny)
 
-_CRUISING: Final = 3.0
+CRUISING: Final = 3.0
 """m/s, from where the direction of the velocity is that of the vehicle to a degree or two."""
-
-_FEW: Final = 10
-"""Intervals, fewer of which are no sample."""
 
 
 @dataclass(frozen=True)
-class _Vectors:
+class Vectors:
     """One segment of k intervals: its chain, and what each interval shows.
 
     rot_cs : (3, 3, k+1); duration : (k,) s; known : (k,) velocity known at both ends
@@ -94,7 +80,7 @@ class _Vectors:
     def weight(self) -> Floats:
         """Of each interval, (k,) 1/s; less where the vectors differ in length, which no rotation can mend."""
         weight = np.where(self.known, 1.0, _UNKNOWN_WEIGHT) / self.duration
-        surplus = (_length(self.change_n - self.fall_n) - _length(self.felt_c)) / self.duration
+        surplus = (length(self.change_n - self.fall_n) - length(self.felt_c)) / self.duration
         surplus = surplus - (np.median(surplus[self.known]) if self.known.any() else 0.0)
         return np.asarray(weight / (1.0 + (surplus / _DISAGREEMENT) ** 2))
 
@@ -135,7 +121,7 @@ def align(
 ) -> Floats:
     """Attitude of the box at every knot.
 
-    increments : of K = N - 1 intervals, for gyroscope biases known to about 0.05 deg/s (see `gyro_bias_from_drift`)
+    increments : of K = N - 1 intervals, for gyroscope biases known to about 0.05 deg/s (see gyro_start)
     vel_n : (3, N) m/s at the knots, axes n; known : (N,) where it was measured nearby; elsewhere it is not looked at
     gravity_n : (3,) or (3, K) m/s^2, axes n
     segments : of knots between gaps of the log, disjoint; nothing is carried over from one to another
@@ -146,75 +132,9 @@ def align(
     """
     rot_ns = np.tile(np.eye(3)[..., None], known.size)
     for segment in segments:
-        vectors = _vectors(increments, vel_n, known, gravity_n, segment)
+        vectors = vectors_of(increments, vel_n, known, gravity_n, segment)
         rot_ns[..., segment] = mm(vectors.attitude(sigma_s)[0], vectors.rot_cs)
     return rot_ns
-
-
-def gyro_bias_from_drift(
-    increments: Increments,
-    vel_n: Floats,
-    known: NDArray[np.bool_],
-    gravity_n: Floats,
-    segments: Sequence[slice],
-) -> Floats:
-    """What to add to the gyroscope bias of the increments, for drives that never stop: arguments as of `align`.
-
-    A residual bias b turns the chain, log(R_nc,k^T R_nc,k+1) = -R_cs,k b T: solved for b by least squares over all
-    knots, the drift weighted by what is known of R_nc. Repeated with longer bells as the bias gets known; the
-    increments follow by their derivatives, good to (b T)^2: beyond 1 deg/s preintegrate and repeat.
-
-    returns : (3,) rad/s, sensor; zero where no segment has two knots
-    """
-    bias = np.zeros(3)
-    for sigma_s in np.repeat(_DRIFT_BELLS_S, _ROUNDS):
-        bias = bias + _residual_bias(_with_bias(increments, bias), vel_n, known, gravity_n, segments, float(sigma_s))
-    return bias
-
-
-def gyro_bias_from_course(increments: Increments, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
-    """The gyroscope bias of a box that is fixed in a vehicle on wheels, to begin with: arguments as of `align`.
-
-    On a level road such a vehicle turns about up alone, and as fast as its course: the rate that is felt beside is
-    bias. Up in the box is where the specific force points, both as medians over what drives at some speed. Roads that
-    are not level and noise of the velocities leave some 0.1 deg/s; where nothing but straight ways has known
-    velocities, only this tells the bias about up.
-
-    returns : (3,) rad/s, sensor, to add to the bias of the increments; zero where too little drives
-    """
-    speed = np.hypot(vel_n[0], vel_n[1])
-    drives = known & (speed > _CRUISING)
-    both = drives[1:] & drives[:-1]
-    if both.sum() < _FEW:
-        return np.zeros(3)
-    duration = increments.duration[both]
-    up = _unit(np.median(increments.velocity[:, both] / duration, axis=1))
-    course = np.arctan2(vel_n[1], vel_n[0])
-    turned = np.angle(np.exp(1j * np.diff(course)))[both]
-    felt = rotation_log(increments.rotation[..., both])
-    return np.asarray(np.median((felt - up[:, None] * turned) / duration, axis=1))
-
-
-def steadier(
-    increments: Increments,
-    more: Floats,
-    vel_n: Floats,
-    known: NDArray[np.bool_],
-    gravity_n: Floats,
-    segments: Sequence[slice],
-) -> Floats:
-    """What to add to the gyroscope bias of the increments of a box that is fixed in a vehicle: `more`, or nothing.
-
-    Aligned with the better bias, the box moves in the same direction of its own all the time. Other arguments as of
-    `align`; more : (3,) rad/s, for example of `gyro_bias_from_drift`
-    """
-
-    def strays(made: Increments) -> float:
-        rot_ns = align(made, vel_n, known, gravity_n, segments)
-        directions = _directions(rot_ns, vel_n, known)
-        return float(np.median(_length(directions - _unit(np.median(directions, axis=1))[:, None])))
-
-    return more if strays(_with_bias(increments, more)) < strays(increments) else np.zeros(3)
 
 
 def mounting(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
@@ -225,19 +145,19 @@ def mounting(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
 
     Raises ValueError where no knot of known velocity moves.
     """
-    forward = _unit(np.median(_directions(rot_ns, vel_n, known), axis=1))
+    forward = unit(np.median(directions(rot_ns, vel_n, known), axis=1))
     up = np.median(rot_ns[2], axis=1)
-    up = _unit(up - forward * (forward @ up))
+    up = unit(up - forward * (forward @ up))
     return np.stack([forward, np.cross(up, forward), up])
 
 
-def _directions(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
+def directions(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Floats:
     """Where the box moves, as unit vectors of its own axes, at the knots that drive: (3, k). Raises ValueError."""
     speed = np.sqrt((vel_n * vel_n).sum(axis=0))
     fastest = float(speed[known].max(initial=0.0))
     if fastest == 0.0:
         raise ValueError("the vehicle moves at no knot with known velocity, so forward cannot be told")
-    moves = known & (speed > min(_CRUISING, 0.5 * fastest))
+    moves = known & (speed > min(CRUISING, 0.5 * fastest))
     return mtv(rot_ns[..., moves], vel_n[:, moves] / speed[moves])
 
 
@@ -257,7 +177,7 @@ def pseudo_velocity(increments: Increments, speed: Floats, segments: Sequence[sl
         rotation = increments.rotation[..., inside]
         rot_cs = _chain(rotation)
         force_c = mv(rot_cs[..., :-1], increments.velocity[:, inside])
-        up_c = _unit(_near_knots(force_c, increments.duration[inside], NEARBY_S)[:, :-1])
+        up_c = unit(_near_knots(force_c, increments.duration[inside], NEARBY_S)[:, :-1])
         turn_c = mv(rot_cs[..., :-1], rotation_log(rotation))
         yaw[segment.start + 1 : segment.stop] = np.cumsum((turn_c * up_c).sum(axis=0))
     return np.stack([-speed * np.sin(yaw), speed * np.cos(yaw), np.zeros_like(speed)])
@@ -282,7 +202,7 @@ def heading_sigma(
     """
     sigma = np.full(len(segments), np.pi)
     for i, segment in enumerate(segments):
-        vectors = _vectors(increments, vel_n, known, gravity_n, segment)
+        vectors = vectors_of(increments, vel_n, known, gravity_n, segment)
         felt_n = mv(rot_ns[..., segment][..., :-1], vectors.felt_s) + vectors.fall_n
         h, d = (v[0] + 1j * v[1] for v in (felt_n, vectors.change_n))
         told = h.conj() * d
@@ -303,14 +223,15 @@ def flip_needed(forward_velocity: Floats) -> bool:
     return bool(forward_velocity.sum() < 0.0)
 
 
-def _vectors(
+def vectors_of(
     increments: Increments, vel_n: Floats, known: NDArray[np.bool_], gravity_n: Floats, segment: slice
-) -> _Vectors:
+) -> Vectors:
+    """What the intervals of a segment show; arguments as of `align`."""
     inside = slice(segment.start, segment.stop - 1)
     rot_cs, duration = _chain(increments.rotation[..., inside]), increments.duration[inside]
     both = known[segment][1:] & known[segment][:-1]
     felt_s = increments.velocity[:, inside]
-    return _Vectors(
+    return Vectors(
         rot_cs=rot_cs,
         duration=duration,
         known=both,
@@ -325,7 +246,7 @@ def _chain(rotation: Floats) -> Floats:
     """Products of the rotations of k intervals, from the identity: (3, 3, k) to (3, 3, k+1)."""
     first = np.array([[1.0], [0.0], [0.0], [0.0]])
     q = np.concatenate([first, running_product(matrix_to_quat(rotation))], axis=1)
-    return quat_to_matrix(_unit(q))
+    return quat_to_matrix(unit(q))
 
 
 def _near_knots(rows: Floats, duration: Floats, sigma_s: float) -> Floats:
@@ -346,50 +267,11 @@ def _near_knots(rows: Floats, duration: Floats, sigma_s: float) -> Floats:
     return np.asarray(np.fft.irfft(spectrum, size)[:, k - 1 : 2 * k])
 
 
-def _with_bias(increments: Increments, more: Floats) -> Increments:
-    """The increments for a gyroscope bias greater by `more` (3,) rad/s. Forster et al. 2017, eq. 44."""
-    turn = mv(increments.rotation_gyro, more[:, None])
-    return replace(
-        increments,
-        rotation=mm(increments.rotation, rotation_exp(turn)),
-        velocity=increments.velocity + mv(increments.velocity_gyro, more[:, None]),
-    )
+def unit(v: Floats) -> Floats:
+    """Vectors of length one: (3, ...) or quaternions (4, ...)."""
+    return np.asarray(v / length(v))
 
 
-def _residual_bias(
-    increments: Increments,
-    vel_n: Floats,
-    known: NDArray[np.bool_],
-    gravity_n: Floats,
-    segments: Sequence[slice],
-    sigma_s: float,
-) -> Floats:
-    """One step of `gyro_bias_from_drift`: (3,) rad/s."""
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    for segment in segments:
-        vectors = _vectors(increments, vel_n, known, gravity_n, segment)
-        rot_nc, information_c = vectors.attitude(sigma_s)
-        drift_c = rotation_log(mtm(rot_nc[..., :-1], rot_nc[..., 1:])) / vectors.duration
-        rot_cs, weight_c = vectors.rot_cs[..., :-1], _evened(rot_nc, information_c)[..., :-1]
-        normal += mm(mtm(rot_cs, weight_c), rot_cs).sum(axis=-1)
-        right -= mtv(rot_cs, mv(weight_c, drift_c)).sum(axis=-1)
-    return np.asarray(np.linalg.pinv(normal, hermitian=True) @ right)
-
-
-def _evened(rot_nc: Floats, information_c: Floats) -> Floats:
-    """Information (3, 3, k+1) in which that on the level counts no more than that on the heading usually does.
-
-    Gravity tells it a hundred times as well; but where up is out by some degrees, as in a braking that no fix shows,
-    what the level then drifts by would pass for a drift of the heading, and outweigh it.
-    """
-    up_c = rot_nc[2]
-    heading = (up_c * mv(information_c, up_c)).sum(axis=0)
-    return np.asarray(_LEVEL * information_c + (1.0 - _LEVEL) * heading * up_c[:, None] * up_c)
-
-
-def _unit(v: Floats) -> Floats:
-    return np.asarray(v / _length(v))
-
-
-def _length(v: Floats) -> Floats:
+def length(v: Floats) -> Floats:
+    """Along the first axis."""
     return np.asarray(np.sqrt((v * v).sum(axis=0)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.smoothing import alignment
+from recon.numerics.smoothing import alignment, gyro_start
 from recon.numerics.smoothing.earth import gravity_n
 from recon.numerics.smoothing.measurements import Fixes
 from recon.numerics.smoothing.model import Drive
@@ -124,10 +124,10 @@ def _driven_bias(
 ) -> Floats:
     """Bias of the gyroscopes, (3,) rad/s, of a drive without a stop. increments : with none; seen : as `align` takes"""
     if not smoother.model.wheels:
-        return alignment.gyro_bias_from_drift(increments, *seen)
-    bias = alignment.gyro_bias_from_course(increments, *seen[:2])
+        return gyro_start.gyro_bias_from_drift(increments, *seen)
+    bias = gyro_start.gyro_bias_from_course(increments, *seen[:2])
     increments = smoother.increments(_resting(len(smoother.drive.samples.knot_times), bias))
-    return bias + alignment.steadier(increments, alignment.gyro_bias_from_drift(increments, *seen), *seen)
+    return bias + gyro_start.steadier(increments, gyro_start.gyro_bias_from_drift(increments, *seen), *seen)
 
 
 def _resting(knots: int, gyro_bias: Floats) -> State:

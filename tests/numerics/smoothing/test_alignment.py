@@ -16,7 +16,7 @@ import pytest
 from recon.numerics import rotation
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.motion import Drive, Segment, rest, specific_force, stop_and_go
-from recon.numerics.smoothing import alignment
+from recon.numerics.smoothing import alignment, gyro_start
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
 from recon.numerics.smoothing.samples import Samples, regular_samples
 from recon.numerics.smoothing.soa import mmt, rotation_log
@@ -158,7 +158,7 @@ def test_attitude_and_mounting_are_found_for_every_mounting(number):
 def test_they_are_found_without_any_stop_for_every_mounting(number):
     run = never_stopping(number)
     increments = run.increments(np.zeros(3))
-    bias = alignment.gyro_bias_from_drift(increments, run.vel_n, run.known, GRAVITY_N, run.whole)
+    bias = gyro_start.gyro_bias_from_drift(increments, run.vel_n, run.known, GRAVITY_N, run.whole)
     assert np.linalg.norm(bias - run.bias) < 0.2 * GYRO_BIAS
     rot_ns = alignment.align(run.increments(bias), run.vel_n, run.known, GRAVITY_N, run.whole)
     errors = angle_deg(rot_ns, run.rot_ns)
@@ -175,7 +175,7 @@ def test_a_braking_that_no_velocity_shows_is_no_turn(number):
     about up.
     """
     run = braking_unseen(number)
-    bias = alignment.gyro_bias_from_drift(run.increments(np.zeros(3)), run.vel_n, run.known, GRAVITY_N, run.whole)
+    bias = gyro_start.gyro_bias_from_drift(run.increments(np.zeros(3)), run.vel_n, run.known, GRAVITY_N, run.whole)
     assert abs((run.rot_vs @ (bias - run.bias))[2]) < np.radians(0.25)
 
 
@@ -185,7 +185,7 @@ def test_the_course_tells_the_bias_of_a_box_in_a_vehicle(number):
     a median of 150 by 0.34 * 1.25 / 12 = 0.035 on each axis, the worst of 72 by three times that; bends all to one side
     add as much as up is off by the lean of accelerations, a degree or two of 8 deg/s."""
     run = never_stopping(number)
-    bias = alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
+    bias = gyro_start.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
     assert np.linalg.norm(bias - run.bias) < np.radians(0.3)
 
 
@@ -193,24 +193,24 @@ def test_the_course_tells_the_bias_of_a_box_in_a_vehicle(number):
 def test_the_course_is_believed_where_nothing_but_straight_ways_has_known_velocities(number):
     """The drift of the alignment cannot tell a bias about up there, for no change of velocity tells the heading."""
     run = turning_unseen(number)
-    rest = alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
+    rest = gyro_start.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known)
     increments = run.increments(rest)
     seen = (run.vel_n, run.known, GRAVITY_N, run.whole)
-    bias = rest + alignment.steadier(increments, alignment.gyro_bias_from_drift(increments, *seen), *seen)
+    bias = rest + gyro_start.steadier(increments, gyro_start.gyro_bias_from_drift(increments, *seen), *seen)
     assert np.linalg.norm(bias - run.bias) < np.radians(0.2)
 
 
 def test_a_better_bias_is_taken_and_a_worse_one_is_not():
     run = never_stopping(7)
     seen = (run.vel_n, run.known, GRAVITY_N, run.whole)
-    assert np.array_equal(alignment.steadier(run.increments(np.zeros(3)), run.bias, *seen), run.bias)
-    assert not alignment.steadier(run.increments(run.bias), run.bias, *seen).any()
+    assert np.array_equal(gyro_start.steadier(run.increments(np.zeros(3)), run.bias, *seen), run.bias)
+    assert not gyro_start.steadier(run.increments(run.bias), run.bias, *seen).any()
 
 
 def test_a_course_that_is_hardly_known_tells_no_bias():
     run = never_stopping(8)
     run.known[9:] = False
-    assert not alignment.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known).any()
+    assert not gyro_start.gyro_bias_from_course(run.increments(np.zeros(3)), run.vel_n, run.known).any()
 
 
 def test_chain_carries_the_heading_through_an_outage_and_nothing_unknown_is_looked_at():

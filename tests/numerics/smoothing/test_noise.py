@@ -13,14 +13,8 @@ from smoothing_drives import Log, Simulated, simulate
 
 from recon.numerics.smoothing import Model, Noise, Smoother
 from recon.numerics.smoothing.constraints import Road
-from recon.numerics.smoothing.noise import (
-    Likelihood,
-    across_track,
-    bank_of_roads,
-    likely_noise,
-    posterior,
-    scaled_noise,
-)
+from recon.numerics.smoothing.likelihood import Likelihood, scaled_noise
+from recon.numerics.smoothing.noise import across_track, bank_of_roads, likely_noise, posterior
 from recon.numerics.smoothing.start import start_state
 
 Floats = np.ndarray
