@@ -25,8 +25,12 @@ from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Solved
 
-_PRIOR: Final = np.array([0.7, 0.7, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0, 0.5, 0.5])
-"""Sigma of the logarithms. Ten minutes hardly tell how long an error lasts that changes in two."""
+_PRIOR: Final = np.array([0.35, 0.35, 0.35, 0.7, 0.7, 0.7, 0.7, 1.0, 1.0, 0.5, 0.5])
+"""Sigma of the logarithms. Ten minutes hardly tell how large an error is that changes in two, and how long it lasts."""
+_SLOW, _TAIL = slice(0, 2), 3.0
+"""The size of the slow error of GNSS, and the degrees of freedom of its prior: a short drive leaves it where it was, a
+receiver of centimetres takes it down two orders.
+"""
 _RAISED: Final = np.array([0.0] * 9 + [1.0] * 2)
 """Slope of the log-prior by the logarithm. What tells a walk is so little that its likeliest size is well below that
 which is right on average; this avoids the boundary at zero (Chung et al. 2013).
@@ -123,10 +127,20 @@ def posterior(likelihood: Callable[[Floats], tuple[float, Floats]]) -> Callable[
 
     def objective(logs: Floats) -> tuple[float, Floats]:
         value, gradient = likelihood(logs)
-        away = logs / _PRIOR
-        return 0.5 * value + float(0.5 * away @ away - _RAISED @ logs), 0.5 * gradient + away / _PRIOR - _RAISED
+        doubt, slope = _prior(logs)
+        return 0.5 * value + doubt, 0.5 * gradient + slope
 
     return objective
+
+
+def _prior(logs: Floats) -> tuple[float, Floats]:
+    """-log of the prior, and its gradient: normal, of Student's form for the slow error."""
+    away = logs / _PRIOR
+    doubt, slope = 0.5 * away**2, away / _PRIOR
+    far = away[_SLOW]
+    doubt[_SLOW] = 0.5 * (_TAIL + 1.0) * np.log1p(far**2 / _TAIL)
+    slope[_SLOW] *= (_TAIL + 1.0) / (_TAIL + far**2)
+    return float(doubt.sum() - _RAISED @ logs), slope - _RAISED
 
 
 def _curvature(likelihood: Likelihood) -> Floats:
