@@ -16,7 +16,8 @@ import pyarrow as pa
 
 from recon.fixes import Observed
 from recon.numerics.barometer import pressure_height
-from recon.numerics.rotation import compose, conjugate, from_rotvec, multiply, rotate, slerp, to_rotvec
+from recon.numerics.rotation import conjugate, from_rotvec, multiply, rotate, to_rotvec
+from recon.numerics.rotation_series import compose, slerp
 from recon.numerics.smoothing import level_rotation, positions_n
 from recon.numerics.smoothing.aids import Aid, Direction, Ground, Rate
 from recon.numerics.smoothing.climbs import Climb

@@ -23,6 +23,7 @@ from recon import evaluation
 from recon import manifest as manifests
 from recon.calling import call_exporter
 from recon.check import check, with_exports
+from recon.drive_summary import summarize
 from recon.errors import ConfigError, DataError, NothingToExport
 from recon.numerics.evaluation import Alignment
 from recon.overrides import Override
@@ -35,7 +36,7 @@ from recon.rows import spans
 from recon.runner import Progress, Source, refuse_source, run_pipeline, silent
 from recon.stages import Exporter
 from recon.storage import STORES, read_recording, refuse_existing, staged_folder, write_recording
-from recon.trajectory import Trajectory, summarize
+from recon.trajectory import Trajectory
 
 Input: TypeAlias = str | Path | Sequence[str | Path] | Recording | None
 
@@ -258,7 +259,7 @@ def export_step(finished: Run, step: PlannedStep) -> list[Path]:
     about = manifests.RunInfo(finished.folder.name, finished.manifest)
     with staged_folder(target, overwrite=True) as scratch:
         written = call_exporter(step, finished.recording, scratch, about)
-        manifests.write_export(step, scratch, written)
+        manifests.write_export(step, scratch, written, about.name)
     return [target / path.relative_to(scratch) for path in written]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from recon.declaration import Schemas, Stage
 from recon.errors import PluginBroken, PluginNotFound
 from recon.overrides import Override, with_overrides
 from recon.parameters import Params, bind
@@ -17,7 +18,7 @@ from recon.plan import Plan, PlannedStep
 from recon.problems import Problem, Where, did_you_mean
 from recon.registry import Registry
 from recon.schema import APPENDED, STREAM_NAME, STREAMS, Mismatch, Need, by_step, match, unnumbered
-from recon.stages import Delegation, Exporter, Reader, Schemas, Simulator, Stage, role_of
+from recon.stages import Delegation, Exporter, Reader, Simulator, role_of
 from recon.yaml_nodes import Node
 
 

@@ -105,12 +105,12 @@ def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estima
     """The best trajectory. Raises DataError where the log cannot tell it."""
     try:
         return estimate(drive, model, noise, learn_noise)
-    except ValueError as error:
-        raise DataError(f"there is no motion to find the heading: {error}", "give a log of a drive") from error
-    except np.linalg.LinAlgError as error:
+    except np.linalg.LinAlgError as error:  # a ValueError, too
         raise DataError(
             f"the log does not determine a trajectory: {error}", "are the units and the clocks of imu and gnss right?"
         ) from error
+    except ValueError as error:
+        raise DataError(f"there is no motion to find the heading: {error}", "give a log of a drive") from error
 
 
 def mounting_metrics(found: Estimate) -> list[Metric]:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
 from recon.errors import DataError
+from recon.mounting import Mounting
 from recon.numerics.consistency import Consistency, consistency
 from recon.numerics.evaluation import (
     Alignment,
@@ -38,7 +39,6 @@ from recon.rows import spans
 from recon.schema import spread
 from recon.tables import Array, matrix, meta, time_ns
 
-ALIGNMENTS: Final[tuple[Alignment, ...]] = get_args(Alignment)
 SEGMENTS: Final = ((1.0, "s"), (10.0, "s"), (100.0, "m"))
 """Lengths over which relative errors are taken."""
 _SAME_FACTS: Final = ("height_datum", "time_scale")
@@ -101,6 +101,7 @@ class Evaluation:
     rows : matched ones, of the `compared` ones of the stream `clock`; span_s, of_s, notes : see Matched
     position : horizontal, vertical, total in m; velocity : the same in m/s; attitude : roll, pitch, heading, and total,
         the angle of the whole rotation, in deg
+    mounting : the constant part of the differences of attitude, which `attitude` holds as well
     consistency : position, velocity, attitude; None too where the trajectory was aligned, which its sigmas do not know
     """
 
@@ -114,6 +115,7 @@ class Evaluation:
     position: Mapping[str, Statistics | None]
     velocity: Mapping[str, Statistics | None]
     attitude: Mapping[str, Statistics | None]
+    mounting: Mounting | None
     relative: tuple[Relative, ...]
     outages: tuple[Outage, ...]
     consistency: Mapping[str, Consistency | None]
@@ -139,6 +141,7 @@ def evaluate(
     except ValueError as error:
         raise DataError(f"the trajectory cannot be aligned by '{align}': {error}") from error
     wrong = errors(run, found.reference)
+    mounting = Mounting.between(run, found.reference)
     return Evaluation(
         align,
         len(run),
@@ -146,10 +149,11 @@ def evaluate(
         found.clock,
         found.span_s,
         found.of_s,
-        found.notes,
+        found.notes + ((mounting.note,) if mounting and mounting.note else ()),
         _lengths(wrong.pos_n),
         _lengths(wrong.vel_n),
         {name: statistics(np.degrees(sizes)) for name, sizes in _angles(wrong).items()},
+        mounting,
         tuple(_relative(run, found.reference)) if found.same_body else (),
         tuple(_outages(run.t_ns, wrong, spans(events, "outage"))),
         dict.fromkeys(_GROUPS) if align != "none" else consistency_of(found),

@@ -32,6 +32,8 @@ _LOW, _LOW_IF_HELD = 1.0, 2.0
 """m/s below which a course is not believed."""
 _SLOW_SHARE, _WHITE_SHARE = 0.9, 0.4
 """Of a reported sigma: what changes slowly, and what is white."""
+_UNKNOWN = (1e3, 1e2)
+"""m, m/s; a larger sigma is what a receiver writes that knows none."""
 _LEAST = (0.003, 0.01)
 """m and m/s; a sigma below is not believed."""
 
@@ -173,11 +175,12 @@ def _position_sigmas(gnss: pa.Table, row: NDArray[np.intp], trust: Trust, report
     white, drift = np.tile(np.array(trust.white)[:, None], (1, len(row))), np.array(trust.drift)
     for axis, name in enumerate(("pos_std_e", "pos_std_n", "pos_std_u")):
         sigma = _column(gnss, name, row)
-        good = np.isfinite(sigma) & (sigma > 0.0)
-        if reported and good.any():
-            usual = float(np.median(sigma[good]))
+        told = (sigma > 0.0) & (sigma < _UNKNOWN[0])
+        if reported and told.any():
+            usual = float(np.median(sigma[told]))
             drift[axis] = max(_SLOW_SHARE * usual, _LEAST[0])
-            white[axis] = np.maximum(_WHITE_SHARE * np.where(good, sigma, usual), _LEAST[0])
+            none = np.isnan(sigma) | (sigma <= 0.0)
+            white[axis] = np.maximum(_WHITE_SHARE * np.where(none, usual, sigma), _LEAST[0])
     return white, drift
 
 
@@ -186,9 +189,9 @@ def _velocities(gnss: pa.Table, row: NDArray[np.intp], trust: Trust, reported: b
     sigma = np.tile(np.array(trust.velocity)[:, None], (1, count))
     for axis, name in enumerate(("vel_std_e", "vel_std_n", "vel_std_u")):
         said = _column(gnss, name, row)
-        good = np.isfinite(said) & (said > 0.0)
+        told = (said > 0.0) & (said < _UNKNOWN[1])
         if reported:
-            sigma[axis] = np.where(good, np.maximum(said, _LEAST[1]), sigma[axis])
+            sigma[axis] = np.where(told, np.maximum(said, _LEAST[1]), sigma[axis])
     if has(gnss, "vel_e") and has(gnss, "vel_n"):
         vel = np.array([_column(gnss, name, row) for name in ("vel_e", "vel_n", "vel_u")])
         measured = np.isfinite(vel)

@@ -124,9 +124,9 @@ def write(manifest: Mapping[str, Any], folder: Path) -> Path:
     return path
 
 
-def write_export(step: PlannedStep, folder: Path, written: Sequence[Path]) -> Path:
-    """Write the manifest of an export beside its files."""
-    made = {MARK: NUMBER, "recon": recon.__version__, "export": step.resolved()}
+def write_export(step: PlannedStep, folder: Path, written: Sequence[Path], run: str) -> Path:
+    """Write the manifest of an export beside its files. run : the name that it shows the run under"""
+    made = {MARK: NUMBER, "recon": recon.__version__, "run": run, "export": step.resolved()}
     path = folder / EXPORT_MANIFEST
     text = to_json({**made, "outputs": describe_outputs(folder, written)}, indent=1)
     path.write_text(text + "\n", encoding="utf-8", newline="\n")

@@ -27,10 +27,10 @@ from recon.errors import ConfigError
 from recon.form import Form
 from recon.problems import Problem, Where, did_you_mean
 from recon.registry import GROUP, PIPELINE
+from recon.storage import STORES
 from recon.yaml_nodes import Node, load, load_file
 
 FORMAT: Final = 1
-STORES: Final = ("parquet", "mcap")
 
 _PIPELINE_KEYS: Final = ("recon", "name", "about", "store", "steps")
 _STEP_KEYS: Final = ("use", "id", "params", "in", "out")
@@ -110,7 +110,7 @@ def _dumper() -> type[Any]:
     """A dumper that quotes what YAML 1.2 would not read back as text, and escapes line ends that it does not know."""
     import yaml
 
-    from recon.yaml_nodes import reads_as_text
+    from recon.yaml_scalars import reads_as_text
 
     class Dumper(yaml.SafeDumper):
         pass

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from recon.declaration import Stage
 from recon.parameters import Params
 from recon.pipeline import Pipeline, Step
 from recon.registry import Source
 from recon.schema import STREAMS, Schema
-from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Stage, Wanted
+from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 
 
 @dataclass(frozen=True)

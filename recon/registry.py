@@ -13,10 +13,11 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from recon import __version__
+from recon.declaration import Stage
 from recon.errors import ConfigError, PluginBroken, PluginConflict, PluginInvalid, PluginNotFound
 from recon.problems import Problem, Where, did_you_mean
 from recon.requirement import FIRST_PARTY, canonical, requirements_of, unmet
-from recon.stages import ROLES, Stage, role_of
+from recon.stages import ROLES, role_of
 
 GROUP: Final = "recon.plugins"
 PIPELINE: Final = "pipeline."

@@ -37,7 +37,7 @@ _TABLE: Final[Mapping[str, tuple[str, str, str, str]]] = {
     "gyro_bias": ("1 deg/s", "0.5 deg/s", "0.2 deg/s", "0.02 deg/s"),
     "accel_bias": ("50 mg", "20 mg", "5 mg", "2 mg"),
     "gyro_scale": ("0.5 %", "0.3 %", "0.1 %", "0.03 %"),
-    "accel_scale": ("0.3 %", "0.2 %", "0.1 %", "0.03 %"),
+    "accel_scale": ("0.4 %", "0.2 %", "0.1 %", "0.03 %"),
 }  # fmt: skip
 
 NAMES: Final = tuple(_TABLE)

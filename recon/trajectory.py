@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from recon.errors import DataError
 from recon.knots import SIZE, Knots
 from recon.movement import Movement, Movements, movements
-from recon.numerics.rotation import slerp
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
 from recon.problems import shortened
-from recon.tables import Array, has, known_rows, matrix, meta, seconds, select_rows, time_ns, vector
+from recon.tables import Array, has, matrix, meta, time_ns, vector
 from recon.units import parse_quantity
 from recon.utc import iso_ns
 
@@ -39,10 +39,6 @@ HINT: Final = (
 """What a time may be."""
 _FRAME: Final = re.compile(r"#[0-9]{1,18}")
 
-_LONGEST_STEP_S: Final = 10.0
-"""Between two fixes the mean of their speeds is taken for the speed, as long as they are no further apart,"""
-_MOSTLY: Final = 0.9
-"""and for a distance at least this share of the time must be known."""
 _SAME_M: Final = 1e-6
 """m by which a knot may be apart from its trajectory."""
 
@@ -272,36 +268,3 @@ def _nanoseconds(one: Any, start: int) -> int:
     if np.isnat(moment):
         raise ValueError("not a time")
     return int(moment.astype(np.int64))
-
-
-def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:
-    """Distance in m, duration in s and top speed in m/s of a trajectory, or as far as GNSS alone tells them.
-
-    Of rows that hold a position and a velocity; what nothing tells is left out.
-    """
-    if trajectory is not None:
-        found = Trajectory(select_rows(trajectory, known_rows(trajectory, "pos", "vel")))
-        if len(found):
-            return {"distance": found.path_length, "duration": found.duration, "top_speed": float(found.speed.max())}
-    return {} if gnss is None or not gnss.num_rows else _of_fixes(gnss)
-
-
-def _of_fixes(gnss: pa.Table) -> dict[str, float]:
-    """By the speed of fixes; the distance only where it is known nearly all the time, without long gaps."""
-    t_s = seconds(gnss)
-    found = {"duration": float(t_s[-1])}
-    if has(gnss, "speed"):
-        speed = np.abs(vector(gnss, "speed", gaps=True))
-    elif has(gnss, "vel"):
-        speed = np.linalg.norm(matrix(gnss, "vel", gaps=True)[:, :2], axis=1)
-    else:
-        return found
-    known = np.isfinite(speed)
-    if not known.any():
-        return found
-    found["top_speed"] = float(speed[known].max())
-    steps, mean = np.diff(t_s[known]), (speed[known][1:] + speed[known][:-1]) / 2.0
-    near = steps <= _LONGEST_STEP_S
-    if steps[near].sum() >= _MOSTLY * t_s[-1] > 0.0:
-        found["distance"] = float((steps * mean)[near].sum())
-    return found

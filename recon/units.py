@@ -11,8 +11,7 @@ Three readings that differ between fields:
 - `rad` is a dimension of its own, so that a rate of turn (`rad/s`) is never taken for a frequency (`Hz`).
 - `degC` alone is a temperature on the Celsius scale; inside a product (`mg/degC`) it is a difference, equal to `K`.
 
-References: BIPM, The International System of Units, 9th edition, tables 2 to 8 (gravity: 3rd CGPM, 1901); NIST SP 811
-appendix B.8 for ft, in, mi, gauss and Gal.
+The names, and what they are worth, stand in recon.unit_table.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, overload
 
 from recon.problems import did_you_mean
+from recon.unit_table import BASE, CELSIUS_ZERO, NAMED_SI, QUANTITY_NAMES, UNITS, Dimension, Product
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,13 +31,10 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
-Dimension = tuple[Fraction, ...]
-"""Exponents of m, kg, s, A, K and rad."""
-
-BASE = ("m", "kg", "s", "A", "K", "rad")
 MOST_CHARACTERS = 80
 LARGEST_EXPONENT = 12
 LARGEST_FACTOR = Fraction(10) ** 25
+_SPOKEN = (("years", 31_557_600), ("days", 86400), ("h", 3600), ("min", 60))
 
 
 class UnitError(ValueError):
@@ -75,7 +72,7 @@ def parse_unit(text: str) -> Unit:
         raise UnitError(f"the unit '{plain[:20]}...' is longer than {MOST_CHARACTERS} characters")
     parser = _Parser(text, plain)
     factor, dimension = parser.whole()
-    offset = _CELSIUS_ZERO if plain.strip("( )") == "degC" else 0.0
+    offset = CELSIUS_ZERO if plain.strip("( )") == "degC" else 0.0
     return Unit(text, dimension, factor, offset)
 
 
@@ -173,8 +170,8 @@ def _converted(value: float | FloatArray, source: Unit, target: Unit) -> float |
 
 
 def _si_text(dimension: Dimension) -> str:
-    if dimension in _NAMED_SI:
-        return _NAMED_SI[dimension]
+    if dimension in NAMED_SI:
+        return NAMED_SI[dimension]
     above = [_power_text(name, power) for name, power in zip(BASE, dimension, strict=True) if power > 0]
     below = [_power_text(name, -power) for name, power in zip(BASE, dimension, strict=True) if power < 0]
     numerator = "*".join(above) or "1"
@@ -194,7 +191,7 @@ def _described(unit: Unit) -> str:
     si = _si_text(unit.dimension)
     if si == "1":
         return "a plain number"
-    return f"{_QUANTITY_NAMES[si]} ({unit.text})" if si in _QUANTITY_NAMES else f"in {unit.text}"
+    return f"{QUANTITY_NAMES[si]} ({unit.text})" if si in QUANTITY_NAMES else f"in {unit.text}"
 
 
 # --- reading --------------------------------------------------------------------------------------------------------
@@ -211,8 +208,6 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 
-_Product = tuple[Fraction, Dimension]
-
 
 class _Parser:
     """One pass over the tokens of a unit, by recursive descent.
@@ -225,13 +220,13 @@ class _Parser:
         self.plain = plain
         self.position = 0
 
-    def whole(self) -> _Product:
+    def whole(self) -> Product:
         product = self._product()
         if self.position < len(self.plain):
             raise self._unreadable()
         return product
 
-    def _product(self) -> _Product:
+    def _product(self) -> Product:
         product = self._power()
         while (token := self._peek()) is not None and (token["name"] or token["sign"] in ("*", "/", "(")):
             if token["sign"] in ("*", "/"):
@@ -240,7 +235,7 @@ class _Parser:
             product = self._times(product, self._raised(self._power(), exponent))
         return product
 
-    def _power(self) -> _Product:
+    def _power(self) -> Product:
         product = self._atom()
         while (token := self._peek()) is not None and (written := token["power"] or token["bracketed"]):
             self.position = token.end()
@@ -251,7 +246,7 @@ class _Parser:
             product = self._raised(product, exponent)
         return product
 
-    def _atom(self) -> _Product:
+    def _atom(self) -> Product:
         token = self._peek()
         if token is None or not (token["name"] or token["sign"] == "("):
             raise self._unreadable()
@@ -262,9 +257,9 @@ class _Parser:
             return product
         if token["name"] == "sqrt" and (bracket := self._peek()) is not None and bracket["sign"] == "(":
             return self._raised(self._atom(), Fraction(1, 2))
-        if token["name"] not in _UNITS:
+        if token["name"] not in UNITS:
             raise self._unknown(token["name"])
-        return _UNITS[token["name"]]
+        return UNITS[token["name"]]
 
     def _close(self) -> None:
         token = self._peek()
@@ -275,11 +270,11 @@ class _Parser:
     def _peek(self) -> re.Match[str] | None:
         return _TOKEN.match(self.plain, self.position)
 
-    def _times(self, one: _Product, other: _Product) -> _Product:
+    def _times(self, one: Product, other: Product) -> Product:
         dimension = tuple(a + b for a, b in zip(one[1], other[1], strict=True))
         return self._bounded(one[0] * other[0], dimension)
 
-    def _raised(self, product: _Product, exponent: Fraction) -> _Product:
+    def _raised(self, product: Product, exponent: Fraction) -> Product:
         if abs(exponent) > LARGEST_EXPONENT:
             raise UnitError(f"the unit '{self.text}' has an exponent above {LARGEST_EXPONENT}")
         factor, dimension = product
@@ -287,7 +282,7 @@ class _Parser:
         power = factor**exponent.numerator if whole else Fraction(float(factor) ** float(exponent))
         return self._bounded(power, tuple(part * exponent for part in dimension))
 
-    def _bounded(self, factor: Fraction, dimension: Dimension) -> _Product:
+    def _bounded(self, factor: Fraction, dimension: Dimension) -> Product:
         if not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
             raise UnitError(f"the unit '{self.text}' is out of any useful size")
         return factor, dimension
@@ -300,82 +295,6 @@ class _Parser:
         return UnitError(f"the unit '{self.text}' cannot be read at '{rest}'{hint}")
 
     def _unknown(self, name: str) -> UnitError:
-        suggestion = did_you_mean(name, _UNITS)
+        suggestion = did_you_mean(name, UNITS)
         place = "" if name == self.plain else f" in '{self.text}'"
         return UnitError(f"unknown unit '{name}'{place}" + (f"; {suggestion}" if suggestion else ""))
-
-
-# --- the table of units ---------------------------------------------------------------------------------------------
-
-_PREFIXES = {"n": "1e-9", "u": "1e-6", "m": "1e-3", "c": "1e-2", "h": "1e2", "k": "1e3", "M": "1e6", "G": "1e9"}
-_PI = Fraction(math.pi)
-_CELSIUS_ZERO = 273.15
-_SPOKEN = (("years", 31_557_600), ("days", 86400), ("h", 3600), ("min", 60))
-
-# name: (SI units in one, exponents of m, kg, s, A, K, rad; prefixes that it takes)
-_TABLE: dict[str, tuple[Fraction | int | str, tuple[int, ...], str]] = {
-    "1": (1, (0, 0, 0, 0, 0, 0), ""),
-    "%": ("0.01", (0, 0, 0, 0, 0, 0), ""),
-    "percent": ("0.01", (0, 0, 0, 0, 0, 0), ""),
-    "ppm": ("1e-6", (0, 0, 0, 0, 0, 0), ""),
-    "m": (1, (1, 0, 0, 0, 0, 0), "numck"),
-    "ft": ("0.3048", (1, 0, 0, 0, 0, 0), ""),
-    "in": ("0.0254", (1, 0, 0, 0, 0, 0), ""),
-    "mi": ("1609.344", (1, 0, 0, 0, 0, 0), ""),
-    "nmi": (1852, (1, 0, 0, 0, 0, 0), ""),
-    "kg": (1, (0, 1, 0, 0, 0, 0), ""),
-    "s": (1, (0, 0, 1, 0, 0, 0), "num"),
-    "min": (60, (0, 0, 1, 0, 0, 0), ""),
-    "h": (3600, (0, 0, 1, 0, 0, 0), ""),
-    "day": (86400, (0, 0, 1, 0, 0, 0), ""),
-    "Hz": (1, (0, 0, -1, 0, 0, 0), "mkMG"),
-    "kph": (Fraction(5, 18), (1, 0, -1, 0, 0, 0), ""),
-    "mph": ("0.44704", (1, 0, -1, 0, 0, 0), ""),
-    "kn": (Fraction(1852, 3600), (1, 0, -1, 0, 0, 0), ""),
-    "knot": (Fraction(1852, 3600), (1, 0, -1, 0, 0, 0), ""),
-    "g": ("9.80665", (1, 0, -2, 0, 0, 0), "num"),
-    "Gal": ("0.01", (1, 0, -2, 0, 0, 0), "um"),
-    "rad": (1, (0, 0, 0, 0, 0, 1), "num"),
-    "deg": (_PI / 180, (0, 0, 0, 0, 0, 1), "m"),
-    "arcmin": (_PI / 10800, (0, 0, 0, 0, 0, 1), ""),
-    "arcsec": (_PI / 648000, (0, 0, 0, 0, 0, 1), "m"),
-    "rev": (2 * _PI, (0, 0, 0, 0, 0, 1), ""),
-    "rpm": (2 * _PI / 60, (0, 0, -1, 0, 0, 1), ""),
-    "dps": (_PI / 180, (0, 0, -1, 0, 0, 1), "m"),
-    "T": (1, (0, 1, -2, -1, 0, 0), "num"),
-    "G": ("1e-4", (0, 1, -2, -1, 0, 0), "um"),
-    "gauss": ("1e-4", (0, 1, -2, -1, 0, 0), ""),
-    "Pa": (1, (-1, 1, -2, 0, 0, 0), "hkM"),
-    "bar": (100000, (-1, 1, -2, 0, 0, 0), "m"),
-    "atm": (101325, (-1, 1, -2, 0, 0, 0), ""),
-    "K": (1, (0, 0, 0, 0, 1, 0), "m"),
-    "degC": (1, (0, 0, 0, 0, 1, 0), ""),
-    "A": (1, (0, 0, 0, 1, 0, 0), "num"),
-    "V": (1, (2, 1, -3, -1, 0, 0), "um"),
-}
-
-_UNITS: dict[str, _Product] = {
-    prefix + name: (Fraction(_PREFIXES.get(prefix, 1)) * Fraction(size), tuple(Fraction(power) for power in powers))
-    for name, (size, powers, prefixes) in _TABLE.items()
-    for prefix in ("", *prefixes)
-}
-_NAMED_SI = {_UNITS[name][1]: name for name in ("Hz", "Pa", "T", "V")}
-_QUANTITY_NAMES = {
-    "m": "a length",
-    "kg": "a mass",
-    "s": "a time",
-    "A": "an electric current",
-    "K": "a temperature",
-    "rad": "an angle",
-    "Hz": "a frequency",
-    "m/s": "a speed",
-    "m/s^2": "an acceleration",
-    "m/s^3": "a jerk",
-    "rad/s": "an angular rate",
-    "rad/s^2": "an angular acceleration",
-    "rad/s^0.5": "an angular random walk",
-    "m/s^1.5": "a velocity random walk",
-    "T": "a magnetic flux density",
-    "Pa": "a pressure",
-    "V": "a voltage",
-}

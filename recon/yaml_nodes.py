@@ -20,11 +20,11 @@ import yaml
 
 from recon.errors import ConfigError
 from recon.problems import Problem, Where
+from recon.yaml_scalars import Scalar, plain_scalar
 
 MOST_LEVELS = 50
 MOST_BYTES = 4 * 2**20
 
-Scalar: TypeAlias = bool | int | float | str | None
 Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
 
 
@@ -129,14 +129,6 @@ def load(text: str, file: str) -> Node:
     return root
 
 
-def reads_as_text(text: str) -> bool:
-    """Would this text, written without quotes, be read back as the same text rather than a number or a constant?
-
-    It tells only about types; characters that need quotes for YAML's syntax are the writer's business.
-    """
-    return text not in _CONSTANTS and _parsed(text) == text
-
-
 class _Composer:
     """Events to nodes; what is wrong but does not stop the reading is collected in `problems`."""
 
@@ -213,9 +205,7 @@ class _Composer:
         text: str = event.value
         if not _is_plain(event):
             return text
-        if text in _CONSTANTS:
-            return _CONSTANTS[text]
-        value = _parsed(text)
+        value = plain_scalar(text)
         if isinstance(value, float) and not math.isfinite(value):
             wrong = f"{text:.40} is not a finite number of 64 bits"
             self._report(event, "yaml-number", wrong, "quote it if it is meant as text")
@@ -230,35 +220,9 @@ class _Composer:
         self.problems.append(Problem(self._where(event), code, text, hint, notes))
 
 
-# --- scalars: YAML 1.2.2, section 10.3.2 ----------------------------------------------------------------------------
-
-_CONSTANTS: dict[str, Scalar] = {
-    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-}
-_INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
-_BASES = {"0o": 8, "0x": 16}
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
-
-
 def _is_plain(event: yaml.Event) -> TypeGuard[yaml.ScalarEvent]:
     """A scalar without quotes and without a tag."""
     return isinstance(event, yaml.ScalarEvent) and bool(event.implicit[0])
-
-
-def _parsed(text: str) -> int | float | str:
-    """The number that a plain scalar writes, not finite where it is too large to hold; otherwise the text itself."""
-    if _INTEGER.fullmatch(text):
-        try:
-            whole = int(text, _BASES.get(text[:2], 10))
-        except ValueError:  # more digits than Python converts
-            return math.inf
-        return whole if -(2**63) <= whole < 2**63 else math.inf
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    return float(text.replace(".", "")) if _NOT_FINITE.fullmatch(text) else text
 
 
 # --- places and syntax errors ---------------------------------------------------------------------------------------

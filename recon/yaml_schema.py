@@ -14,9 +14,10 @@ from typing import Any, Final, TypeAlias
 from recon.batch import BYTES, ON_ERROR
 from recon.errors import PluginError
 from recon.parameters import json_schema
-from recon.pipeline import FORMAT, STORES
+from recon.pipeline import FORMAT
 from recon.registry import Registry
 from recon.stages import ROLES, Executor, Exporter, Reader, role_of
+from recon.storage import STORES
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 

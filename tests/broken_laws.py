@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from types import ModuleType
 
+from recon.declaration import Stage
 from recon.registry import Registry
-from recon.stages import Stage
 from recon.testing import Case, Law, Subject
 from recon.testing.contract import Contract
 

@@ -10,10 +10,10 @@ import pyarrow as pa
 
 from recon import GNSS, IMU, Filter, Pipeline, Recording, Registry, Simulator, build
 from recon.check import check
+from recon.declaration import Stage
 from recon.problems import Problem
 from recon.runner import Outcome, Source, run_pipeline
 from recon.schema import STREAMS
-from recon.stages import Stage
 
 START_NS = 1_500_000_000_000_000_000
 STEP_NS = 10_000_000

@@ -33,11 +33,13 @@ from recon.numerics.smoothing import (
 from recon.numerics.smoothing.aids import Aid
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.epochs import Inside, Misclosure, locate, misclosure
+from recon.numerics.smoothing.likelihood import Likelihood
 from recon.numerics.smoothing.measurements import AtEpochs, at_epochs
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.preintegration import Increments
 from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.soa import Floats, mm, mv, rotation_exp
+from recon.numerics.smoothing.start import start_state
 from recon.numerics.smoothing.state import (
     ACCEL_SCALE,
     COMMON_SIZE,
@@ -328,3 +330,9 @@ def height_error(sim: Simulated, aids: tuple[Aid, ...]) -> Floats:
     flat = replace(fixes, vel_sigma=np.where(np.arange(3)[:, None] == 2, np.inf, fixes.vel_sigma))
     found = estimate(replace(sim.drive, fixes=flat, aids=aids), Model(), sim.log.noise, learn_noise=False)
     return (found.solved.state.pos_n - sim.at(sim.drive.samples.knot_times).pos_n)[2]
+
+
+def likelihood_of(sim: Simulated, noise: Noise) -> tuple[Smoother, Likelihood]:
+    """The smoother of a drive, and its marginal likelihood about the solution with this noise."""
+    smoother = Smoother(sim.drive, Model())
+    return smoother, Likelihood(smoother, smoother.solve(start_state(smoother), noise, "cauchy"))

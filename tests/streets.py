@@ -16,7 +16,8 @@ import numpy as np
 import pyarrow as pa
 
 from recon import FRAMES, build, matrix, time_ns, with_meta
-from recon.numerics.rotation import multiply, slerp, to_matrix
+from recon.numerics.rotation import multiply, to_matrix
+from recon.numerics.rotation_series import slerp
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 260.0
 CENTRE = (159.5, 119.5)

@@ -151,7 +151,9 @@ def _told(name: str, placement: Placement) -> Iterator[Metric]:
     }
     hidden = [what for what, shown in seen.items() if not shown]
     yield Metric(f"{name}_observable", float(not hidden), "1", note=", ".join(hidden) and f"not: {', '.join(hidden)}")
-    if hidden:
+    if np.isnan(placement.lag_sigma + placement.q_sigma.sum() + placement.lever_sigma.sum()):
+        yield warning(f"how exactly {name} is placed is not known: the boxes drove together for too short a time")
+    elif hidden:
         yield warning(
             f"the drive does not show of {name}: {', '.join(hidden)}; drive bends both ways, brake hard, cross humps, "
             "or give what was measured by hand"
@@ -160,7 +162,8 @@ def _told(name: str, placement: Placement) -> Iterator[Metric]:
 
 def _metric(name: str, value: float, unit: str, sigma: float, note: str) -> Metric:
     how = "rigid-body equations" if sigma else "given"
-    return Metric(name, float(value), unit, float(sigma) if sigma else None, method=how, note=note)
+    known = sigma > 0.0  # neither given nor NaN, which is not known
+    return Metric(name, float(value), unit, float(sigma) if known else None, method=how, note=note)
 
 
 @hookimpl
@@ -170,6 +173,7 @@ def declare_aligners() -> Iterable[Aligner]:
     yield Aligner(
         name="boxes",
         summary="Finds how further boxes stand to the first, and writes them as the first would have measured.",
+        version=2,
         params=BoxesParams,
         reads={"imu": IMU.need("accel", "gyro"), **further},
         writes=dict.fromkeys(FURTHER_IMUS, SAME),

@@ -103,7 +103,7 @@ def analyze_road(*, trajectory: pa.Table, events: pa.Table | None, params: RoadP
     counted = (found.speed >= params.slowest) & np.isfinite(band) & ~_near_crash(found, events)
     stretches = list(_stretches(found, band, counted, params))
     hits = list(_hits(found, band, counted, stretches, params))
-    learnt = list(_learnt(found, stretches, hits))
+    learnt = list(_learnt(stretches, hits))
     if not usable:
         learnt = [warning(f"no roughness: it needs accelerations at {_LEAST_RATE:g} Hz or more in the trajectory")]
     happened = [Event(t, t, "pothole", abs(peak), "m/s^2", f"speed {v * 3.6:.0f} km/h") for t, peak, v in _told(hits)]
@@ -200,7 +200,7 @@ def _table(trajectory: pa.Table, schema: Schema, rows: list[dict[str, Any]]) -> 
     return with_meta(build(schema, time=t_ns, **columns), **facts)
 
 
-def _learnt(found: Handling, stretches: list[dict[str, Any]], hits: list[dict[str, Any]]) -> Iterator[Metric]:
+def _learnt(stretches: list[dict[str, Any]], hits: list[dict[str, Any]]) -> Iterator[Metric]:
     method = f"vertical acceleration, {_LOW_HZ:g} to {_HIGH_HZ:g} Hz, root mean square"
     yield Metric("stretches", float(len(stretches)))
     yield Metric("potholes", float(len(hits)), note="potholes, bumps, joints and rails look alike")

@@ -46,8 +46,9 @@ from recon import (
 )
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
+from recon.numerics.moving_window import moving_average
 from recon.numerics.saturation import clipped
-from recon.numerics.signals import interpolate, median_rate, moving_average, runs
+from recon.numerics.signals import interpolate, median_rate, runs
 from recon.tables import measured_axes, schema_of
 
 _GAP_S: Final = 0.2

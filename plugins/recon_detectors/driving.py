@@ -40,7 +40,6 @@ from recon.rows import events as event_rows
 from recon.rows import spans
 from recon_detectors._driving_thresholds import KINDS, Thresholds, sets
 
-SETS: Final = ("naturalistic", "telematics", "damoov")
 _SLOWEST_RATE: Final = 4.0
 """Hz; of fewer rows a second a low-pass at 2 Hz makes nothing."""
 

@@ -31,15 +31,17 @@ from numpy.typing import NDArray
 from recon.errors import DataError, NothingToExport
 from recon.manifest import RunInfo
 from recon.numerics.integration import cumulative
-from recon.numerics.rotation import conjugate, rotate, sign_continuous, to_euler
-from recon.numerics.signals import differentiate, median_rate, moving_average
+from recon.numerics.moving_window import moving_average
+from recon.numerics.rotation import conjugate, rotate, to_euler
+from recon.numerics.rotation_series import sign_continuous
+from recon.numerics.signals import differentiate, median_rate
 from recon.placing import about_anchor, anchor_of
 from recon.rows import spans
 from recon.tables import Array, matrix, meta, time_ns
 from recon_exporters._blender_events import Json, captions, force, happenings, markers
 from recon_exporters._blender_film import Film, SceneParams, Times, film_of, keyed_rows
 from recon_exporters._blender_shapes import fixes_of, ground_of, path_of
-from recon_exporters._tracks import iso_8601
+from recon_exporters._text_columns import iso_8601
 
 VERSION: Final = 1
 WHEELBASE: Final = 2.65

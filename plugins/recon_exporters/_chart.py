@@ -18,7 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.tables import Array, time_ns
-from recon_exporters._decimate import envelope, extremes, gaps, pieces, scattered
+from recon_exporters._decimate import band, extremes, gaps, pieces, scattered
 from recon_exporters._panels import Curve, Panel
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, style_of
 from recon_exporters._words import words
@@ -200,13 +200,10 @@ def _drawn(curve: Curve, window: Window, limits: tuple[float, float], max_gap: f
 
 def _band(curve: Curve, window: Window, limits: tuple[float, float], max_gap: float) -> str:
     assert curve.sigma is not None
-    known = np.isfinite(curve.sigma)
-    t_ns, values, around = curve.t_ns[known], curve.values[known], 2.0 * curve.sigma[known]
-    begins = gaps(t_ns, max_gap)
-    rows, low, high = envelope(t_ns, values - around, values + around, begins)
-    x, bottom, top = window.columns(t_ns[rows]).tolist(), _height(low, limits), _height(high, limits)
+    t_ns, low, high, parts = band(curve.t_ns, curve.values, curve.sigma, max_gap)
+    x, bottom, top = window.columns(t_ns).tolist(), _height(low, limits), _height(high, limits)
     outline = []
-    for part in pieces(rows, begins):
+    for part in parts:
         edge = [*zip(x[part], top[part], strict=True), *reversed(list(zip(x[part], bottom[part], strict=True)))]
         outline.append("M" + " ".join(f"{a} {b}" for a, b in edge) + "Z")
     return f'<path class="band" d="{"".join(outline)}" fill="{style_of(curve.role).color}"/>'

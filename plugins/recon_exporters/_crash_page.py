@@ -88,7 +88,7 @@ def _sentence(rows: Mapping[str, Json]) -> str:
     for name, words in (
         ("speed_before", "At {}"),
         (CRASH_SIGN, "the velocity changed by {}"),
-        ("pdof", "the force came from {}"),
+        ("pdof", "the force came from {}, clockwise from straight ahead"),
     ):
         row = rows.get(name)
         if row is not None and row["value"] is not None:
@@ -137,7 +137,7 @@ def _numbers(rows: Mapping[str, Json]) -> str:
         edges = [number(row[key], sigma) for key in ("low", "high")]
         told = (escape(row["method"] or ""), escape(row["note"] or ""))
         lines.append(
-            (title, number(row["value"], sigma), number(sigma, digits=2), *edges, unit_symbol(row["unit"]), *told)
+            (title, number(row["value"], sigma), number(sigma, sigma), *edges, unit_symbol(row["unit"]), *told)
         )
     head = ("", "value", "±&nbsp;sigma", "95&nbsp;% from", "to", "unit", "standard and method", "note")
     return table(head, lines, "Severity")

@@ -66,6 +66,20 @@ def envelope(
     return starts, np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
 
 
+def band(
+    t_ns: NDArray[np.int64], values: Array, sigma: Array, longest_s: float
+) -> tuple[NDArray[np.int64], Array, Array, list[slice]]:
+    """Two standard deviations to either side where they are known: times, lower and upper edges, `pieces`.
+
+    t_ns : (n,) rising; values : (n,) finite; sigma : (n,), NaN where not known; longest_s : as in `gaps`
+    """
+    known = np.isfinite(sigma)
+    t_ns, values, around = t_ns[known], values[known], 2.0 * sigma[known]
+    begins = gaps(t_ns, longest_s)
+    rows, low, high = envelope(t_ns, values - around, values + around, begins)
+    return t_ns[rows], low, high, pieces(rows, begins)
+
+
 def _starts(t_ns: NDArray[np.int64], spans: int) -> Rows:
     """First row of each span that holds one."""
     number = (t_ns - t_ns[0]) // (int(t_ns[-1] - t_ns[0]) // spans + 1)

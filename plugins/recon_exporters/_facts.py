@@ -25,6 +25,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from recon.drive_summary import summarize
 from recon.errors import DataError
 from recon.evaluation import evaluate
 from recon.manifest import RunInfo
@@ -33,7 +34,6 @@ from recon.recording import Recording
 from recon.rows import spans
 from recon.schema import unnumbered
 from recon.tables import Array, has, meta, time_ns, vector
-from recon.trajectory import summarize
 from recon_exporters._panels import is_kind, kinds_of
 
 Json = dict[str, Any]

@@ -117,9 +117,9 @@ def _metric(name: str | None) -> str:
 
 def _head(facts: Json) -> str:
     summary, pipeline = facts["summary"], facts["pipeline"] or {}
-    relative = any(stream["facts"].get("clock") == "relative" for stream in facts["streams"].values())
+    start = f"{escape(_short(summary['start']))} UTC"
     cells = [
-        ("From", "no date: the log's clock has a zero of its own" if relative else escape(_short(summary["start"]))),
+        ("From", "no date: the log's clock has a zero of its own" if _relative(facts) else start),
         ("Lasts", f"{number(summary.get('duration', summary['span']))} s"),
     ]
     for key, (title, unit) in _TITLES.items():
@@ -130,9 +130,19 @@ def _head(facts: Json) -> str:
     return "<dl>" + "".join(f"<div><dt>{name}</dt><dd>{text}</dd></div>" for name, text in cells) + "</dl>"
 
 
+def _relative(facts: Json) -> bool:
+    """Has the log's clock a zero of its own, so that there is no date?"""
+    return any(stream["facts"].get("clock") == "relative" for stream in facts["streams"].values())
+
+
 def _short(time: str) -> str:
     """A time to the millisecond, for people."""
     return f"{time[:10]} {time[11:23]}"
+
+
+def _when(facts: Json, time: str) -> str:
+    """A time in a table, nothing where there is no date."""
+    return "" if _relative(facts) else escape(_short(time))
 
 
 def _warnings(warnings: Sequence[str]) -> str:
@@ -145,7 +155,7 @@ def _events(facts: Json) -> str:
     rows = (
         (
             number(row["t_s"], 0.01),
-            escape(_short(row["time"])),
+            _when(facts, row["time"]),
             number(row["duration"], 0.01),
             escape(words(row["kind"] or "event")),
             "" if row["value"] is None else f"{number(row['value'])} {escape(unit_symbol(row['unit']))}",
@@ -154,16 +164,16 @@ def _events(facts: Json) -> str:
         )
         for row in sorted(facts["events"], key=lambda row: row["t_s"])
     )
-    head = ("after [s]", "time", "lasts [s]", "event", "value", "note", "step")
+    head = ("after [s]", "time, UTC", "lasts [s]", "event", "value", "note", "step")
     return table(head, rows) or ("<p>No events were found.</p>" if "events" in facts["streams"] else "")
 
 
 def _outages(facts: Json) -> str:
     rows = (
-        (number(gap["t_s"], 0.01), escape(_short(gap["time"])), number(gap["duration"], 0.01), escape(gap["stream"]))
+        (number(gap["t_s"], 0.01), _when(facts, gap["time"]), number(gap["duration"], 0.01), escape(gap["stream"]))
         for gap in facts["outages"]
     )
-    return table(("after [s]", "time", "lasts [s]", "stream"), rows, "GNSS that is silent")
+    return table(("after [s]", "time, UTC", "lasts [s]", "stream"), rows, "GNSS that is silent")
 
 
 def _sigmas(facts: Json) -> str:
@@ -225,7 +235,7 @@ def _estimates(facts: Json) -> str:
 def _estimate(row: Json) -> Sequence[str]:
     value, sigma = row["value"], row["sigma"]
     edges = [number(row[key], sigma) for key in ("low", "high")]
-    return _metric(row["name"]), number(value, sigma), number(sigma, digits=2), *edges, escape(unit_symbol(row["unit"]))
+    return _metric(row["name"]), number(value, sigma), number(sigma, sigma), *edges, escape(unit_symbol(row["unit"]))
 
 
 def _remarks(row: Json) -> Sequence[str]:

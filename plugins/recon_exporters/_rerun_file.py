@@ -25,7 +25,7 @@ from recon_exporters._rerun_layout import Shown, layout
 from recon_exporters._rerun_space import draw_space
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, packed, times
 from recon_exporters._style import EVENTS, OTHER_EVENT, style_of
-from recon_exporters._tracks import iso_8601
+from recon_exporters._text_columns import iso_8601
 from recon_exporters._words import unit_symbol, words
 
 _SENSORS: Final = ("imu", "mag", "baro", "wheel")

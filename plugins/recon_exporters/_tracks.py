@@ -1,4 +1,4 @@
-"""What goes on a map, for every format: tracks in pieces without a gap, events where they began, numbers as text.
+"""What goes on a map, for every format: tracks in pieces without a gap, and events where they began.
 
 A row without latitude and longitude, or more than `max_gap` after the row before it, ends a piece. Where a `rate` thins
 the rows, the first and the last of each piece stay. Longitudes lie in [-180, 180) deg.
@@ -14,11 +14,9 @@ What is known beside the place, by name, is in the unit that UNITS gives:
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
-from xml.sax.saxutils import escape
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -31,6 +29,7 @@ from recon.numerics.signals import interpolate, interpolate_angle
 from recon.parameters import Params, quantity, setting
 from recon.schema import EVENTS, GNSS, TRAJECTORY
 from recon.tables import Array, has, matrix, meta, select_rows, time_ns, vector
+from recon_exporters._text_columns import DIGITS, PLACE_DIGITS, iso_8601
 
 UNITS: Final[Mapping[str, str]] = {
     "height": "m",
@@ -41,10 +40,6 @@ UNITS: Final[Mapping[str, str]] = {
     **{f"vel_std_{axis}": "m/s" for axis in "enu"},
     "heading_std": "deg",
 }
-PLACE_DIGITS: Final = 9
-"""Digits of a degree behind the point: 0.1 mm on the ground."""
-DIGITS: Final = 3
-"""Digits behind the point of everything else."""
 READS: Final = {
     "trajectory": TRAJECTORY.need(
         "time", maybe=("lat", "lon", "height", "vel", "q", "pos_std", "vel_std", "att_std"), optional=True
@@ -59,7 +54,6 @@ _NS: Final = 1e9
 _LARGEST: Final = 1e12
 """A number beyond it says nothing about a vehicle and is taken as missing."""
 _DATUMS: Final = {"ellipsoid": "the WGS84 ellipsoid", "mean_sea_level": "mean sea level"}
-_NOT_IN_XML: Final = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class MapParams(Params):
@@ -246,54 +240,3 @@ def _marks(events: pa.Table | None, table: pa.Table, max_gap: float) -> list[Mar
             place = (float(lat[row]), float(lon[row]), float(height[row]))
             marks.append(Mark(kinds[row] or "event", times[row], *place, known))
     return marks
-
-
-# --- numbers and texts ----------------------------------------------------------------------------------------------
-
-
-def iso_8601(t_ns: NDArray[np.int64]) -> pa.Array:
-    """Times as text, (n,): 2024-05-01T08:00:00.010Z, with as many of 3, 6 or 9 digits as all of them need."""
-    import pyarrow.compute as pc  # slow import: only when used
-
-    unit, step = next(((u, s) for u, s in (("ms", 1_000_000), ("us", 1_000)) if not (t_ns % s).any()), ("ns", 1))
-    text = pa.array(t_ns // step).cast(pa.timestamp(unit)).cast(pa.string())
-    return pc.binary_join_element_wise(pc.replace_substring(text, " ", "T"), "Z", "")
-
-
-def decimals(values: Array, digits: int = DIGITS) -> pa.Array:
-    """Numbers as text with a fixed number of digits and no exponent, (n,); null for NaN."""
-    known = np.isfinite(values)
-    return fixed_point(
-        pa.array(np.rint(np.where(known, values, 0.0) * 10**digits).astype(np.int64), mask=~known), digits
-    )
-
-
-def fixed_point(scaled: pa.Array, digits: int) -> pa.Array:
-    """Integers that count units of 10^-digits, as text: 1500 with three digits is 1.500; null stays null."""
-    import pyarrow.compute as pc  # slow import: only when used
-
-    size = pc.abs(scaled)
-    whole = pc.divide(size, 10**digits)
-    part = pc.subtract(size, pc.multiply(whole, 10**digits)).cast(pa.string())
-    sign = pc.if_else(pc.less(scaled, 0), "-", "")
-    text = pc.binary_join_element_wise(whole.cast(pa.string()), pc.utf8_lpad(part, digits, "0"), ".")
-    return pc.binary_join_element_wise(sign, text, "")
-
-
-def elements(tag: str, texts: pa.Array) -> pa.Array:
-    """Each text as an XML element, (n,); "" where it is null."""
-    import pyarrow.compute as pc  # slow import: only when used
-
-    return pc.fill_null(pc.binary_join_element_wise(f"<{tag}>", texts, f"</{tag}>", ""), "")
-
-
-def joined(*parts: Any) -> pa.Array:
-    """Texts side by side, row by row: (n,); a part is an (n,) array or one text for all rows."""
-    import pyarrow.compute as pc  # slow import: only when used
-
-    return pc.binary_join_element_wise(*parts, "")
-
-
-def xml(value: object) -> str:
-    """A value as text between two tags of XML 1.0, or in its attributes; characters that XML cannot hold left out."""
-    return escape(_NOT_IN_XML.sub("", str(value)), {'"': "&quot;"})

@@ -250,5 +250,6 @@ def declare_exporters() -> Iterable[Exporter]:
             "events": EVENTS.need("end_time", "kind", "value", "unit", optional=True),
         },
         every_stream=True,
+        repeats=False,  # Blender writes addresses of its memory
         references=("Rajamani (2012), 2.2", "Shepard (1968)"),
     )

@@ -22,46 +22,24 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.hookspecs import hookimpl
-from recon.manifest import RunInfo
 from recon.stages import Exporter
 from recon.tables import Array
-from recon_exporters._tracks import (
-    DIGITS,
-    PLACE_DIGITS,
-    READS,
-    UNITS,
-    Chart,
-    MapParams,
-    Mark,
-    Track,
-    chart_of,
-    iso_8601,
-)
+from recon_exporters._text_columns import DIGITS, PLACE_DIGITS, iso_8601
+from recon_exporters._track_file import TrackFile
+from recon_exporters._tracks import READS, UNITS, Chart, MapParams, Mark, Track
 
 Json = dict[str, Any]
 
 _PLACE = ("lon", "lat", "height")
 
 
-def geojson(
-    *,
-    trajectory: pa.Table | None,
-    gnss: pa.Table | None,
-    events: pa.Table | None,
-    folder: Path,
-    about: RunInfo,
-    params: MapParams,
-) -> list[Path]:
-    """Write `folder/track.geojson`; its path. Raises NothingToExport where no row has a latitude and longitude."""
-    chart = chart_of(trajectory, gnss, events, about, params)
+def _document(chart: Chart) -> list[str]:
     deep = _heights_allowed(chart)
     features = [feature for track in chart.tracks for feature in _features(track, deep=deep)]
     features += [_event(mark, deep=deep) for mark in chart.marks]
@@ -72,10 +50,10 @@ def geojson(
         "bbox": _bounds(chart, deep=deep),
         "features": features,
     }
-    path = folder / "track.geojson"
-    text = json.dumps(collection, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
-    return [path]
+    return [json.dumps(collection, ensure_ascii=False, allow_nan=False, separators=(",", ":")), "\n"]
+
+
+geojson = TrackFile("track.geojson", _document)
 
 
 def _everywhere(chart: Chart) -> tuple[Array, Array, Array]:

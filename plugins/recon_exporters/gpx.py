@@ -16,27 +16,15 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from recon.hookspecs import hookimpl
-from recon.manifest import RunInfo
 from recon.stages import Exporter
-from recon_exporters._tracks import (
-    PLACE_DIGITS,
-    READS,
-    MapParams,
-    Mark,
-    Track,
-    chart_of,
-    decimals,
-    elements,
-    iso_8601,
-    joined,
-    xml,
-)
+from recon_exporters._text_columns import PLACE_DIGITS, decimals, elements, iso_8601, joined, xml
+from recon_exporters._track_file import TrackFile
+from recon_exporters._tracks import READS, Chart, MapParams, Mark, Track
 from recon_exporters._words import words
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -48,25 +36,15 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 _GARMIN = ("speed", "course")
 
 
-def gpx(
-    *,
-    trajectory: pa.Table | None,
-    gnss: pa.Table | None,
-    events: pa.Table | None,
-    folder: Path,
-    about: RunInfo,
-    params: MapParams,
-) -> list[Path]:
-    """Write `folder/track.gpx`; its path. Raises NothingToExport where no row has a latitude and longitude."""
-    chart = chart_of(trajectory, gnss, events, about, params)
-    path = folder / "track.gpx"
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{_HEAD}<metadata><name>{xml(chart.name)}</name><desc>{xml(chart.note)}</desc></metadata>\n")
-        file.writelines(_waypoint(mark) for mark in chart.marks)
-        for track in chart.tracks:
-            file.writelines(_track(track))
-        file.write("</gpx>\n")
-    return [path]
+def _document(chart: Chart) -> Iterator[str]:
+    yield f"{_HEAD}<metadata><name>{xml(chart.name)}</name><desc>{xml(chart.note)}</desc></metadata>\n"
+    yield from (_waypoint(mark) for mark in chart.marks)
+    for track in chart.tracks:
+        yield from _track(track)
+    yield "</gpx>\n"
+
+
+gpx = TrackFile("track.gpx", _document)
 
 
 def _waypoint(mark: Mark) -> str:

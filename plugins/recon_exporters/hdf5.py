@@ -99,5 +99,6 @@ def declare_exporters() -> Iterable[Exporter]:
         summary="Every stream as HDF5, for MATLAB, Julia and whoever keeps it.",
         run=hdf5,
         every_stream=True,
+        made_with=("h5py",),
         references=("HDF5 File Format Specification 3.0",),
     )

@@ -26,7 +26,7 @@ from recon.manifest import RunInfo
 from recon.numerics.rotation import to_matrix
 from recon.stages import Exporter
 from recon_exporters._poses import READS, PoseParams, poses_of, write_numbers
-from recon_exporters._tracks import fixed_point
+from recon_exporters._text_columns import fixed_point
 
 
 def kitti(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: PoseParams) -> list[Path]:

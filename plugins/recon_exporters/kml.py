@@ -15,28 +15,15 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from recon.hookspecs import hookimpl
-from recon.manifest import RunInfo
 from recon.stages import Exporter
-from recon_exporters._tracks import (
-    PLACE_DIGITS,
-    READS,
-    UNITS,
-    MapParams,
-    Mark,
-    Track,
-    chart_of,
-    decimals,
-    elements,
-    iso_8601,
-    joined,
-    xml,
-)
+from recon_exporters._text_columns import PLACE_DIGITS, decimals, elements, iso_8601, joined, xml
+from recon_exporters._track_file import TrackFile
+from recon_exporters._tracks import READS, UNITS, Chart, MapParams, Mark, Track
 from recon_exporters._words import words
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -46,27 +33,17 @@ _COLOURS = {"trajectory": "ff0000ff", "gnss": "ffff0000"}
 """Opacity, blue, green, red."""
 
 
-def kml(
-    *,
-    trajectory: pa.Table | None,
-    gnss: pa.Table | None,
-    events: pa.Table | None,
-    folder: Path,
-    about: RunInfo,
-    params: MapParams,
-) -> list[Path]:
-    """Write `folder/track.kml`; its path. Raises NothingToExport where no row has a latitude and longitude."""
-    chart = chart_of(trajectory, gnss, events, about, params)
-    path = folder / "track.kml"
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{_HEAD}<Document>\n<name>{xml(chart.name)}</name>\n<description>{xml(chart.note)}</description>\n")
-        file.writelines(_style(track) for track in chart.tracks)
-        file.writelines(_schema(track) for track in chart.tracks)
-        for track in chart.tracks:
-            file.writelines(_track(track))
-        file.writelines(_event(mark, absolute=_has_altitudes(chart.tracks[0])) for mark in chart.marks)
-        file.write("</Document>\n</kml>\n")
-    return [path]
+def _document(chart: Chart) -> Iterator[str]:
+    yield f"{_HEAD}<Document>\n<name>{xml(chart.name)}</name>\n<description>{xml(chart.note)}</description>\n"
+    yield from (_style(track) for track in chart.tracks)
+    yield from (_schema(track) for track in chart.tracks)
+    for track in chart.tracks:
+        yield from _track(track)
+    yield from (_event(mark, absolute=_has_altitudes(chart.tracks[0])) for mark in chart.marks)
+    yield "</Document>\n</kml>\n"
+
+
+kml = TrackFile("track.kml", _document)
 
 
 def _has_altitudes(track: Track) -> bool:

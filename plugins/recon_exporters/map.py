@@ -27,7 +27,8 @@ from recon.parameters import setting
 from recon.stages import Exporter
 from recon_exporters._page import asset, embedded
 from recon_exporters._style import EVENTS, OTHER_EVENT, STYLES
-from recon_exporters._tracks import DIGITS, PLACE_DIGITS, READS, MapParams, Mark, Track, chart_of, iso_8601
+from recon_exporters._text_columns import DIGITS, PLACE_DIGITS, iso_8601
+from recon_exporters._tracks import READS, MapParams, Mark, Track, chart_of
 from recon_exporters._words import words
 
 _ROLES: Final = {"trajectory": "trajectory 1", "gnss": "gnss 1"}

@@ -32,7 +32,7 @@ from recon.parameters import Params, quantity, setting
 from recon.recording import Recording
 from recon.stages import Exporter
 from recon_exporters._chart import Span, spans_of, turn_step
-from recon_exporters._decimate import envelope, extremes, gaps, scattered
+from recon_exporters._decimate import band, extremes, gaps, pieces, scattered
 from recon_exporters._panels import Curve, Panel, panels_of
 from recon_exporters._style import EVENTS, OTHER_EVENT, layer, style_of
 from recon_exporters._track_map import Path as Track
@@ -148,19 +148,14 @@ def _draw(axes: Any, panel: Panel, curve: Curve, start_ns: int, max_gap: float) 
     choose = extremes if style.mark == "line" else scattered
     rows = choose(curve.t_ns, curve.values, begins)
     name = f"{panel.key}:{curve.name}"
-    pieces = np.cumsum(begins)[rows]
-    cuts = np.flatnonzero(np.diff(pieces)) + 1
+    cuts = [part.start for part in pieces(rows, begins)[1:]]
     x, y = (np.insert(v, cuts, np.nan) for v in ((curve.t_ns[rows] - start_ns) * 1e-9, curve.values[rows]))
     label = curve.name if curve.sigma is None else f"{curve.name} ± 2σ"
     axes.plot(x, y, label=label, gid=name, **_paint(curve.role))
     if curve.sigma is not None:
-        known = np.isfinite(curve.sigma)
-        t_ns, values, around = curve.t_ns[known], curve.values[known], 2.0 * curve.sigma[known]
-        begins = gaps(t_ns, max_gap)
-        chosen, low, high = envelope(t_ns, values - around, values + around, begins)
-        t_s = (t_ns[chosen] - start_ns) * 1e-9
-        cuts = np.flatnonzero(np.diff(np.cumsum(begins)[chosen])) + 1
-        edges = (np.insert(v, cuts, np.nan) for v in (t_s, low, high))
+        t_ns, low, high, parts = band(curve.t_ns, curve.values, curve.sigma, max_gap)
+        cuts = [part.start for part in parts[1:]]
+        edges = (np.insert(v, cuts, np.nan) for v in ((t_ns - start_ns) * 1e-9, low, high))
         axes.fill_between(*edges, color=style.color, alpha=0.25, linewidth=0.0, gid=f"{name}:band")
 
 
@@ -204,4 +199,5 @@ def declare_exporters() -> Iterable[Exporter]:
         params=PlotsParams,
         run=plots,
         every_stream=True,
+        made_with=("matplotlib",),
     )

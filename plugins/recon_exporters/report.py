@@ -82,7 +82,7 @@ def _drawings(
         ("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
         ("Crashes, closer", _closeups(panels, spans, start, max_gap)),
     ]
-    return parts, _notes(whole, start, panels)
+    return parts, _notes(whole, panels)
 
 
 def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:
@@ -103,7 +103,7 @@ def _closeups(panels: Sequence[Panel], spans: Sequence[Span], zero_ns: int, max_
     return "".join(found)
 
 
-def _notes(window: Window, zero_ns: int, panels: Sequence[Panel]) -> list[str]:
+def _notes(window: Window, panels: Sequence[Panel]) -> list[str]:
     """What was left out or moved for the eye, in words."""
     notes = ["Seconds count from the first row of the run. Bands are two standard deviations to either side."]
     if any(len(curve.t_ns) > 2 * SPANS for panel in panels for curve in panel.curves):

@@ -76,5 +76,6 @@ def declare_exporters() -> Iterable[Exporter]:
         params=RerunParams,
         run=rerun,
         every_stream=True,
+        repeats=False,  # identities of rows are drawn anew
         references=("Rerun .rrd, rerun-sdk 0.41", "ISO 8855:2011"),
     )

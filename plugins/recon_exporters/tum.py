@@ -23,7 +23,8 @@ from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.stages import Exporter
 from recon_exporters._poses import AXES_IN_WORDS, READS, PoseParams, poses_of, write_numbers
-from recon_exporters._tracks import fixed_point, rows_kept
+from recon_exporters._text_columns import fixed_point
+from recon_exporters._tracks import rows_kept
 
 
 def tum(*, trajectory: pa.Table, folder: Path, about: RunInfo, params: PoseParams) -> list[Path]:

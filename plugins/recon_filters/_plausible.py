@@ -9,7 +9,9 @@ what fixes scatter by allow,
     |p_j - p_i| <= v (t_j - t_i) + d.
 
 So an excursion is left out, and of a record that jumps for good the longer part is kept, whichever it is. Without d
-noise alone would refute most fixes of a fast receiver: at 20 Hz 400 km/h are 5.6 m from one to the next.
+noise alone would refute most fixes of a fast receiver: at 20 Hz 400 km/h are 5.6 m from one to the next. The error of a
+difference does not shrink with its step, so d is a length, of as many sigmas as a long drive needs for none of its good
+fixes to be lost; sigma is what the fixes tell, from how far each lies beside the line between its neighbours.
 
 The receiver's own speed s tells more: it comes from the Doppler shift, which reflections and the filter of a phone move
 far less than the position. So neighbours are no further apart than the larger of the two speeds allows, half as much
@@ -29,8 +31,16 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 _FASTER = 1.5
 """Times the reported speed: it is late by a second or two when a vehicle speeds up."""
-_SCATTER_M = 15.0
-"""Three sigmas of the difference of two fixes that err by 3.5 m each."""
+_SCATTER_SIGMAS = 5.0
+"""Of the difference of two fixes: 1 of 70 000 is farther, in three dimensions that err alike."""
+_SCATTER_M = (15.0, 100.0)
+"""Least and largest scatter: reflections move a fix for a while by more than fixes beside each other tell, and what
+scatters wider is no receiver of positions.
+"""
+_NORMAL_MAD = 1.4826
+"""Standard deviation of normal numbers over their median absolute deviation."""
+_FEWEST = 10
+"""Fixes between neighbours from which a scatter is told."""
 RECENT = 500
 """Stretches that the sequence may leave to enter one whole; more would take minutes where all positions are noise."""
 
@@ -66,13 +76,32 @@ def reach(t_s: Array, speed: Array, max_speed: float, max_gap: float) -> Array:
     return np.append(0.0, np.cumsum(fastest * step))
 
 
-def drivable(t_s: Array, pos: Array, max_speed: float, reach_m: Array | None = None) -> Mask:
+def scatter(t_s: Array, pos: Array, max_gap: float) -> float:
+    """How far noise alone may move two fixes apart, m, from their median distance to the line between their neighbours.
+
+    The middle of three fixes lies beside that line by w_1 e_1 + w_3 e_3 - e_2, where w are the weights of the linear
+    interpolation, so by sqrt(1 + w_1^2 + w_3^2) sigma of one; accelerations add a (dt / 2)^2, 1 m at a fix a second.
+
+    t_s : (n,) s, strictly increasing; pos : (n, k) m, local; max_gap : s, steps longer than that are outages
+    """
+    step = np.diff(t_s)
+    near = (step[1:] <= max_gap) & (step[:-1] <= max_gap)
+    if near.sum() < _FEWEST:
+        return _SCATTER_M[0]
+    weight = (step[1:] / (step[1:] + step[:-1]))[near, None]
+    beside = weight * pos[:-2][near] + (1.0 - weight) * pos[2:][near] - pos[1:-1][near]
+    unit = np.abs(beside) / np.sqrt(1.0 + weight**2 + (1.0 - weight) ** 2)
+    sigma = _NORMAL_MAD * float(np.median(unit, axis=0).max())
+    return float(np.clip(_SCATTER_SIGMAS * np.sqrt(2.0) * sigma, *_SCATTER_M))
+
+
+def drivable(t_s: Array, pos: Array, max_speed: float, scatter_m: float, reach_m: Array | None = None) -> Mask:
     """The longest sequence of positions that can be driven through: (n,) bool.
 
     Positions are taken in stretches without an impossible step, so the sequence enters a stretch where it can but
     leaves it at its end only: a few positions may be lost beside a jump, none that cannot be reached is kept.
 
-    t_s : (n,) s, strictly increasing; pos : (n, k) m, local; max_speed : m/s
+    t_s : (n,) s, strictly increasing; pos : (n, k) m, local; max_speed : m/s; scatter_m : m, from `scatter`
     reach_m : (n,) m, from `reach`, where the receiver's own speed is to be heard as well
     """
 
@@ -81,7 +110,7 @@ def drivable(t_s: Array, pos: Array, max_speed: float, reach_m: Array | None = N
         allowed = max_speed * (t_s[rows] - t_s[origins])
         if reach_m is not None:
             allowed = np.minimum(allowed, reach_m[rows] - reach_m[origins])
-        return np.asarray(distance <= allowed + _SCATTER_M)
+        return np.asarray(distance <= allowed + scatter_m)
 
     every = np.arange(len(t_s))
     cuts = np.flatnonzero(~reached(every[1:], every[:-1])) + 1

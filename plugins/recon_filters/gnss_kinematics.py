@@ -54,7 +54,7 @@ from recon.agreement import agreement, as_metrics
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.signals import differentiate
 from recon.placing import EARTHS, moment
-from recon_filters._plausible import drivable, reach, reported
+from recon_filters._plausible import drivable, reach, reported, scatter
 
 _ADDED = ("pos", "vel", "acc")
 _TWO_DIMENSIONAL = 2
@@ -78,7 +78,7 @@ class GnssKinematicsParams(Params):
         "km/h",
         gt=0,
         le=1e5,
-        doc="Positions that could only be reached faster are left out; 15 m are left to scatter.",
+        doc="Positions that could only be reached faster are left out; noise may explain 15 m, or what fixes scatter.",
     )
 
 
@@ -137,15 +137,17 @@ def _believed(
     held, rows = int((~new).sum()), rows[new]
     placed = _positions(gnss, rows, params)
     t_s = (t_ns[rows] - t_ns[rows[0]]) * 1e-9
-    good = drivable(t_s, placed.pos[rows], params.max_speed)
+    scatter_m = scatter(t_s, placed.pos[rows], params.max_gap)
+    good = drivable(t_s, placed.pos[rows], params.max_speed, scatter_m)
     learnt = [Metric("positions_repeated", float(held), note="between two reports: left out")]
+    learnt.append(Metric("positions_scatter", scatter_m, "m", note="from fix to fix, that noise may explain"))
     learnt.append(Metric("positions_impossible", float((~good).sum()), note="too far apart in too short a time"))
     if not good.all():
         why = f"can only be reached faster than {params.max_speed * 3.6:g} km/h"
         learnt.append(_left_out(t_ns, rows, good, why))
     if has(gnss, "speed"):
         reach_m = reach(t_s, vector(gnss, "speed", gaps=True)[rows], params.max_speed, params.max_gap)
-        agreeing = drivable(t_s, placed.pos[rows, :2], params.max_speed, reach_m)
+        agreeing = drivable(t_s, placed.pos[rows, :2], params.max_speed, scatter_m, reach_m)
         if 0.0 < np.mean(good & ~agreeing) <= _FEW:
             learnt.append(_left_out(t_ns, rows, agreeing | ~good, "contradict the speed that gnss itself tells"))
             good &= agreeing
@@ -255,7 +257,7 @@ def declare_filters() -> Iterable[Filter]:
         reads={"gnss": GNSS.need(maybe=("lat", "lon", "height", "speed", "course", "vel", "fix"))},
         writes={"gnss": Change(adds=GNSS.columns_of(*_ADDED))},
         run=gnss_kinematics,
-        version=2,
+        version=3,
         plan=_plan,
         references=("Groves (2013), Principles of GNSS, inertial, and multisensor integrated navigation systems",),
     )

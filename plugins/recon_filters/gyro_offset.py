@@ -61,13 +61,18 @@ def gyro_offset(*, imu: pa.Table, events: pa.Table | None, params: GyroOffsetPar
     t_ns, gyro = time_ns(imu), matrix(imu, "gyro", gaps=True)
     stops, samples = stops_of(t_ns, gyro, events)
     if not samples:
-        return {"imu": imu, "metrics": metrics([Metric("stops", 0.0), warning("no standstill: gyro offset is kept")])}
+        return without_stops(imu)
     offsets = np.array([sample.mean(axis=0) for sample in samples])
     learnt = [Metric("stops", float(len(samples)))]
     for number, (start, sample) in enumerate(zip(stops[:, 0], samples, strict=True), start=1):
         learnt += _learnt(sample, f"stop {number}, {(start - t_ns[0]) * 1e-9:.2f} s after the first row")
     offset = between_stops(t_ns, stops, offsets, params.between)
     return {"imu": replace(imu, gyro=gyro - offset), "metrics": metrics(learnt)}
+
+
+def without_stops(imu: pa.Table) -> Streams:
+    """The imu as it is, with the warning."""
+    return {"imu": imu, "metrics": metrics([Metric("stops", 0.0), warning("no standstill: gyro offset is kept")])}
 
 
 def stops_of(

@@ -53,9 +53,10 @@ from recon import (
     vector,
     warning,
 )
-from recon.numerics.signals import median_rate, moving_average
+from recon.numerics.moving_window import moving_average
+from recon.numerics.signals import median_rate
 from recon.storage.atomic import staged_file
-from recon_filters.gyro_offset import Spans, between_stops, stops_of
+from recon_filters.gyro_offset import Spans, between_stops, stops_of, without_stops
 
 REFERENCE_K: Final = 298.15
 _MARK: Final = "recon_gyro_calibration"
@@ -110,7 +111,7 @@ def gyro_temperature(*, imu: pa.Table, events: pa.Table | None, params: GyroTemp
     drives = _read(params.calibration)
     stops, samples = stops_of(t_ns, gyro, events, longest_ns=_PIECE_NS)
     if not samples:
-        return {"imu": imu, "metrics": metrics([Metric("stops", 0.0), warning("no standstill: gyro offset is kept")])}
+        return without_stops(imu)
     offsets = np.array([sample.mean(axis=0) for sample in samples])
     terms = _terms(imu, t_ns, params.thermal_lag)
     learnt = [Metric("stops", float(len(stops)), note="in pieces of at most 20 s")]

@@ -38,7 +38,8 @@ from recon import (
     time_ns,
     warning,
 )
-from recon.numerics import signals
+from recon.numerics import moving_window
+from recon.numerics.signals import median_rate
 
 
 class MovingAverageParams(Params):
@@ -73,12 +74,12 @@ def _samples(t_ns: NDArray[np.int64], window_s: float) -> int:
     """The odd number of samples that comes closest to the window at the median rate."""
     if len(t_ns) < 2:
         return 1
-    return 2 * max(round((window_s * signals.median_rate(t_ns) - 1.0) / 2.0), 0) + 1
+    return 2 * max(round((window_s * median_rate(t_ns) - 1.0) / 2.0), 0) + 1
 
 
 def _averaged(y: Array, samples: int, cuts: NDArray[np.intp]) -> Array:
     """y (n, 3) averaged in each piece between the rows `cuts`."""
-    return np.concatenate([signals.moving_average(piece, samples) for piece in np.split(y, cuts)])
+    return np.concatenate([moving_window.moving_average(piece, samples) for piece in np.split(y, cuts)])
 
 
 @hookimpl

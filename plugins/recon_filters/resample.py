@@ -50,7 +50,7 @@ from recon import (
     warning,
 )
 from recon.errors import DataError
-from recon.numerics.rotation import slerp
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import bracket, interpolate, interpolate_angle, interval_mean, median_rate
 from recon.schema import spread
 

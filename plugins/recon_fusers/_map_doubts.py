@@ -23,6 +23,8 @@ _LARGE_DRIFT: Final = (20.0, 5.0)
 """m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
 _LARGE_NOISE: Final = 100.0
 """Times the noise that was expected of the IMU, beyond which it is the model that does not fit."""
+_MOST_NOISE: Final = 300.0
+"""The same of the white noise, beyond which hardly anything is left of what the IMU says."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
@@ -61,10 +63,12 @@ def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
     if sizes[worst] <= _LARGE_NOISE:
         return []
     sensor = worst.split("_")[0]
-    what = "random walk of the bias" if worst.endswith("walk") else "noise"
+    walks = worst.endswith("walk")
+    what = "random walk of the bias" if walks else "noise"
+    verdict = "take care" if walks or sizes[worst] < _MOST_NOISE else "do not trust the result"
     return [
         f"{sensor} and GNSS contradict each other: the {what} comes out {sizes[worst]:.0f} times what was expected: "
-        f"take care; does it roll on wheels, not lean? {_ASK}"
+        f"{verdict}; does it roll on wheels, not lean? {_ASK}"
     ]
 
 

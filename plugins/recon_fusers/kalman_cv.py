@@ -39,7 +39,6 @@ from recon import (
     TRAJECTORY,
     Array,
     Change,
-    Event,
     Fuser,
     Metric,
     Params,
@@ -55,25 +54,21 @@ from recon import (
     quantity,
     setting,
     time_ns,
-    warning,
     with_meta,
 )
 from recon.errors import NotEnoughData
-from recon.numerics.constant_velocity import Fusion, Innovations, Motion
+from recon.numerics.constant_velocity import Fusion, Motion
 from recon.numerics.constant_velocity_chain import chain
-from recon.numerics.rotation import slerp
+from recon.numerics.rotation_series import slerp
 from recon.placing import geolocate, silence_warnings, silent_steps
 from recon.tables import schema_of
+from recon_fusers._cv_fixes import counts, outages, residuals
 from recon_fusers._cv_knots import knots
 
 SILENT_NOISE: Final = 2.0
 """m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
 DENSITIES: Final = tuple(0.05 * 2.0**power for power in range(7, -1, -1))
 """m/s^1.5, of which the likeliest is taken: from a phone in a hand to a box that is glued to a car."""
-OUTAGE_S: Final = 3.0
-SUSPICIOUS: Final = 0.05
-"""Share of fixes that are doubted, above which something else is wrong."""
-_AXES: Final = ("e", "n", "u")
 
 
 class KalmanParams(Params):
@@ -130,13 +125,13 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
     learnt += [
         *told,
         *silence_warnings(imu, silent, "the acceleration is taken as zero"),
-        *_counts(t_ns, kept, seen, params.gate),
+        *counts(t_ns, kept, seen, params.gate),
     ]
     trajectory = geolocate(with_meta(_trajectory(kept, found, slow, attitude), **meta(imu), **_body(attitude)), gnss)
     streams = {
         "trajectory": trajectory,
-        "residuals": _residuals(fix_ns[1:], seen, params.gate),
-        "events": events(_outages(t_ns, fix_ns)),
+        "residuals": residuals(fix_ns[1:], seen, params.gate),
+        "events": events(outages(t_ns, fix_ns)),
         "metrics": metrics(learnt),
     }
     if params.smooth:
@@ -238,45 +233,6 @@ def _body(attitude: pa.Table | None) -> dict[str, str]:
     """The fact that tells whose attitude it is, where it is not the vehicle's."""
     frame = "" if attitude is None else schema_of(attitude)["qw"].frame
     return {"body": frame} if frame not in ("", "vehicle") else {}
-
-
-def _residuals(fix_ns: NDArray[np.int64], seen: Innovations, gate: float) -> pa.Table:
-    """The innovations, axis by axis."""
-    count = 3 * len(fix_ns)
-    value, sigma, weight = seen.value.ravel(), np.sqrt(seen.variance).ravel(), seen.weight.ravel()
-    return build(
-        RESIDUALS,
-        time=np.repeat(fix_ns, 3),
-        sensor=pa.repeat(pa.scalar("gnss"), count),
-        component=pa.array([f"pos_{axis}" for axis in _AXES] * len(fix_ns), pa.string()),
-        value=value,
-        sigma=sigma,
-        weight=weight,
-        accepted=pa.array(np.abs(value) <= gate * sigma),
-    )
-
-
-def _outages(t_ns: NDArray[np.int64], fix_ns: NDArray[np.int64]) -> list[Event]:
-    """Spans without a fix that is due, from the first row of imu to the last."""
-    edges = np.concatenate([t_ns[:1], fix_ns, t_ns[-1:]])
-    step_s = np.diff(edges) * 1e-9
-    usual = float(np.median(np.diff(fix_ns))) * 1e-9 if len(fix_ns) > 1 else 0.0
-    long = np.flatnonzero(step_s > max(OUTAGE_S, 2.5 * usual))
-    return [Event(int(edges[i]), int(edges[i + 1]), "outage", float(step_s[i]), "s") for i in long]
-
-
-def _counts(t_ns: NDArray[np.int64], kept: NDArray[np.int64], seen: Innovations, gate: float) -> list[Metric]:
-    """What was left out, and what was doubted."""
-    far = np.asarray((np.abs(seen.value) > gate * np.sqrt(seen.variance)).any(axis=1))
-    found = [
-        Metric("rows_before_the_first_fix", float(len(t_ns) - len(kept)), note="left out: no place is known there"),
-        Metric("fixes", float(len(far) + 1)),
-        Metric("fixes_doubted", float(far.sum()), note=f"further than {gate:g} sigmas from the prediction"),
-    ]
-    if len(far) and far.mean() > SUSPICIOUS:
-        share = f"{100.0 * far.mean():.0f} % of the fixes are further than {gate:g} sigmas from the prediction"
-        found.append(warning(f"{share}: is the attitude right? else raise accel_noise, or the sigmas of the fixes"))
-    return found
 
 
 def _plan(schemas: Mapping[str, Schema], params: KalmanParams) -> dict[str, Schema]:

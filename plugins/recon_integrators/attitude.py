@@ -40,7 +40,8 @@ from recon import (
 )
 from recon.errors import DataError, NotEnoughData
 from recon.numerics.integration import Rule, increments
-from recon.numerics.rotation import Floats, compose, from_euler, from_rotvec, yaw_from_heading
+from recon.numerics.rotation import Floats, from_euler, from_rotvec, yaw_from_heading
+from recon.numerics.rotation_series import compose
 from recon.placing import silence_warnings, silent_steps
 
 

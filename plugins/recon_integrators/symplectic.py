@@ -41,7 +41,8 @@ from recon import (
 )
 from recon.errors import NotEnoughData
 from recon.numerics.geometric import magnus_turns, verlet_position, verlet_velocity
-from recon.numerics.rotation import compose, from_rotvec, rotate
+from recon.numerics.rotation import from_rotvec, rotate
+from recon.numerics.rotation_series import compose
 from recon.placing import anchor_of, geolocate, silence_warnings, silent_steps
 from recon_integrators.attitude import first_attitude
 from recon_integrators.motion import through_first, through_first_velocity

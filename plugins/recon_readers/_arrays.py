@@ -14,6 +14,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
+from recon.rows import Metric
 from recon.schema import REFERENCE
 from recon.tables import Array, build, with_meta
 from recon_readers._columns import at_rows
@@ -37,6 +38,12 @@ def in_time(t_s: Array, zero_ns: int = 0) -> tuple[Times, Mask]:
     t_ns = zero_ns + np.round(np.where(missing, 0.0, t_s) * NS).astype(np.int64)
     usable = in_order(t_ns, missing)
     return t_ns, usable & ~repeating(t_ns, [usable])
+
+
+def left_out(rows: Mask, name: str) -> list[Metric]:
+    """How many rows of a sensor `in_time` left out, where it did. rows : (n,) bool, those that stay"""
+    note = f"of {len(rows)} rows of {name}: times that are missing, repeated or out of order"
+    return [] if rows.all() else [Metric("rows_left_out", float((~rows).sum()), note=note)]
 
 
 def interleave(parts: MutableMapping[str, tuple[Times, Array]]) -> tuple[Times, dict[str, Array]]:

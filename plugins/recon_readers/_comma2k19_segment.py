@@ -15,7 +15,7 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.rows import Metric, warning
 from recon.tables import Array
-from recon_readers._arrays import LONGEST_S, in_time
+from recon_readers._arrays import LONGEST_S, in_time, left_out
 from recon_readers._limits import refuse_beyond
 from recon_readers._time_order import Times
 
@@ -124,9 +124,7 @@ def ordered(segment: Segment, name: str, path: Path, t_s: Array, values: Array) 
     t_s : (n,) s since boot; values : (n, k)
     """
     t_ns, rows = in_time(t_s, segment.zero_ns)
-    note = f"of {len(rows)} rows of {name}: times that are missing, repeated or out of order"
-    learnt = [] if rows.all() else [Metric("rows_left_out", float((~rows).sum()), note=note)]
-    return Sensor(path, t_ns[rows], values[rows], learnt)
+    return Sensor(path, t_ns[rows], values[rows], left_out(rows, name))
 
 
 # --- the clock ------------------------------------------------------------------------------------------------------

@@ -25,10 +25,10 @@ from pydantic import (
     model_validator,
 )
 
+from recon.declaration import Schemas
 from recon.numerics.axes import is_earth
 from recon.parameters import setting
 from recon.schema import STREAMS, Change
-from recon.stages import Schemas
 from recon.units import convert
 from recon_readers._mapping_parts import Accel, Axes, Part, Scalar, Source, Time, Valid, Vector
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from recon.errors import ReadFailed
-from recon.yaml_nodes import reads_as_text
+from recon.yaml_scalars import reads_as_text
 from recon_readers._csv_guesses import (
     Group,
     axes_of,

@@ -19,7 +19,7 @@ from recon.errors import ReadFailed
 from recon.problems import did_you_mean
 from recon.tables import Array
 from recon_readers._csv_records import DELIMITERS, Record, raw_fields, records
-from recon_readers._delimited import BLANK, SPACE
+from recon_readers._delimited import BLANK, SPACE, single_spaces
 from recon_readers._text_blocks import Text
 
 _SHOWN: Final = 30
@@ -222,7 +222,4 @@ def _tidied(body: bytes, delimiter: str, comment: bytes) -> bytes:
         body = re.sub(rb"(?m)^[ \t]*%s.*$" % re.escape(comment), b"", body)
     if delimiter != "space":
         return re.sub(rb"(?m)^ +$", b"", body)
-    body = body.replace(b"\t", SPACE)
-    while b"  " in body:
-        body = body.replace(b"  ", SPACE)
-    return body.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(SPACE)
+    return single_spaces(body)

@@ -23,7 +23,7 @@ from recon_readers._csv_sheet import Sheet
 from recon_readers._csv_time import Clock
 from recon_readers._limits import FASTEST_TURN, LIMITS, USUAL_SIZE
 from recon_readers._mapping_parts import Accel, Source, Vector
-from recon_readers._time_order import Mask
+from recon_readers._time_order import Mask, slots
 
 NS: Final = 1_000_000_000
 _ENOUGH: Final = 100_000
@@ -98,8 +98,7 @@ def make(part: Part, clock: Clock, values: dict[str, Array], rows: Mapping[str, 
     if not some.any():
         return None
     t_ns = kept(clock.t_ns, some)
-    begins = np.diff(t_ns, prepend=t_ns[0] - 1) > 0
-    slot = np.cumsum(begins, dtype=np.int32) - 1
+    begins, slot = slots(t_ns)
     count = int(slot[-1]) + 1
     schema = STREAMS[part.mapping.stream]
     columns: dict[str, Any] = {}

@@ -14,6 +14,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.tables import Array
+from recon_readers._windows import walk_through
 
 HEAD: Final = b"\xa3\x95"
 FMT: Final = 128
@@ -78,7 +80,8 @@ class Table:
         """A field as (n,) float64, NaN where it is not there."""
         if name not in self.divisors:
             return np.full(len(self.rows), np.nan)
-        return np.asarray(self.rows[name].astype(np.float64) / self.divisors[name])
+        with np.errstate(invalid="ignore"):  # a damaged float may be a NaN that signals
+            return np.asarray(self.rows[name].astype(np.float64) / self.divisors[name])
 
     def integers(self, name: str) -> NDArray[np.int64]:
         """A field of whole numbers as (n,) int64."""
@@ -136,15 +139,11 @@ def _split(body: bytes) -> tuple[bytes, bytes, bytes]:
 def walk(path: Path, names: Collection[str]) -> Walk:
     """All messages of the kinds named."""
     found = Walk(frozenset(names))
-    with path.open("rb") as file:
-        left = b""
-        while data := file.read(_WINDOW):
-            window = left + data
-            left = window[_take(window, found, last=len(data) < _WINDOW) :]
+    walk_through(path, _WINDOW, partial(_take, found))
     return found
 
 
-def _take(window: bytes, found: Walk, *, last: bool) -> int:
+def _take(found: Walk, window: bytes, *, last: bool) -> int:
     """Take in the messages of a window: where the first begins that is not whole in it.
 
     last : no window follows

@@ -232,10 +232,11 @@ def _tidied(found: Survey, body: bytes) -> bytes:
     """The rows without comments, padding, and tabs at the end. Lines stay where they are."""
     if b"#" in body:
         body = re.sub(rb"(?m)^[ \t]*#.*$", b"", body)
-    return _single_spaces(body) if found.separator == SPACE else _trimmed_tabs(body, found.width)
+    return single_spaces(body) if found.separator == SPACE else _trimmed_tabs(body, found.width)
 
 
-def _single_spaces(body: bytes) -> bytes:
+def single_spaces(body: bytes) -> bytes:
+    """Rows whose columns one space parts, none before and none behind. Lines stay where they are."""
     body = body.replace(TAB, SPACE)
     while b"  " in body:
         body = body.replace(b"  ", SPACE)

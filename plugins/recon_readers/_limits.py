@@ -1,7 +1,7 @@
 """What a vehicle can show, by which readers know a wrong unit, a turned sign or a damaged file.
 
 What lies beyond is left out and counted where single values are damaged, refused where it is many or where a format
-keeps whole arrays.
+keeps whole arrays. Of what is packed, the bytes that it may unpack to: a file of a few kB can ask for all memory.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from recon.rows import Metric, warning
 from recon.schema import group_of
 from recon.tables import Array
 
+LARGEST_UNPACKED: Final = 2**30
+"""Bytes that a file, or a member of a zip, may unpack to."""
 MOST_FAULTY: Final = 0.01
 """Share of rows from which on a fault of the log is no longer a slip."""
 USUAL_SIZE: Final = (0.5, 2.0)

@@ -14,12 +14,13 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
 from recon.tables import Array
+from recon_readers._limits import LARGEST_UNPACKED
 
 HEADER: Final = 128
 """Bytes before the first element."""
@@ -40,22 +41,37 @@ _NUMBERS: Final = {
 def structures(data: bytes) -> dict[str, dict[str, Array | None]]:
     """Structures of a file by name: their fields as (rows, columns, ...), None where one holds no real numbers.
 
-    Arrays of structures and variables of other classes are left out. Raises ValueError where the file is damaged.
+    Arrays of structures and variables of other classes are left out. Raises ValueError where the file is damaged, or
+    unpacks to more than LARGEST_UNPACKED bytes.
     """
     order = byte_order(data)
     if not order:
         raise ValueError("the header does not tell the order of bytes")
     found = {}
+    packed = numbers = LARGEST_UNPACKED
     for kind, body in _elements(memoryview(data)[HEADER:], order):
         if kind == COMPRESSED:
-            try:
-                ((kind, body),) = _elements(memoryview(zlib.decompress(body)), order)
-            except zlib.error as error:
-                raise ValueError(str(error)) from error
+            ((kind, body),) = _elements(memoryview(_unpacked(body, packed)), order)
+            packed -= len(body)
         if kind == _MATRIX:
-            name, fields = _structure(body, order)
+            name, fields = _structure(body, order, numbers)
             if fields is not None:
+                numbers -= _size(fields)
                 found[name] = fields
+    return found
+
+
+def _unpacked(body: memoryview, most: int) -> bytes:
+    """Of at most so many bytes. Raises ValueError."""
+    unpacker = zlib.decompressobj()
+    try:
+        found = unpacker.decompress(body, most + 1)
+    except zlib.error as error:
+        raise ValueError(str(error)) from error
+    if len(found) > most:
+        raise ValueError(f"it unpacks to more than {LARGEST_UNPACKED / 1e6:,.0f} MB")
+    if not unpacker.eof:
+        raise ValueError("a packed element is cut")
     return found
 
 
@@ -81,8 +97,8 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         start += step
 
 
-def _structure(body: memoryview, order: str) -> tuple[str, dict[str, Array | None] | None]:
-    """The name of a matrix, and its fields where it is a single structure."""
+def _structure(body: memoryview, order: str, most: int) -> tuple[str, dict[str, Array | None] | None]:
+    """The name of a matrix, and its fields where it is a single structure; of at most so many bytes as doubles."""
     flags, shape, name, rest = _opening(body, order)
     if flags & 0xFF != _STRUCTURE or math.prod(shape) != 1:
         return name, None
@@ -93,11 +109,21 @@ def _structure(body: memoryview, order: str) -> tuple[str, dict[str, Array | Non
         raise ValueError(f"the structure {name} has fields without names")
     text = bytes(rest[1][1])
     names = [text[start : start + width].split(b"\0")[0].decode("ascii") for start in range(0, len(text), width)]
-    return name, {field: _numbers(part, order) for field, (_, part) in zip(names, rest[2:], strict=True)}
+    fields: dict[str, Array | None] = {}
+    for field, (_, part) in zip(names, rest[2:], strict=True):
+        fields[field] = _numbers(part, order, most - _size(fields))
+    return name, fields
 
 
-def _numbers(body: memoryview, order: str) -> Array | None:
-    """The numbers of a matrix; None where it holds something else. An empty one may have no contents at all."""
+def _size(fields: Mapping[str, Array | None]) -> int:
+    return sum(values.nbytes for values in fields.values() if values is not None)
+
+
+def _numbers(body: memoryview, order: str, most: int) -> Array | None:
+    """The numbers of a matrix; None where it holds something else. An empty one may have no contents at all.
+
+    most : bytes that they may take as doubles
+    """
     if not len(body):
         return np.zeros((0, 0))
     flags, shape, name, rest = _opening(body, order)
@@ -106,6 +132,8 @@ def _numbers(body: memoryview, order: str) -> Array | None:
     values = _array(*rest[0], order)
     if len(values) != math.prod(shape):
         raise ValueError(f"{name} holds {len(values)} numbers for the shape {shape}")
+    if 8 * len(values) > most:
+        raise ValueError(f"its numbers take more than {LARGEST_UNPACKED / 1e6:,.0f} MB as doubles")
     return values.reshape(shape, order="F").astype(np.float64)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from recon.tables import Array
 from recon_readers._columns import Grown
+from recon_readers._windows import walk_through
 
 V1, V2 = 0xFE, 0xFD
 _WINDOW: Final = 2**22
@@ -158,11 +160,7 @@ class Walk:
 def walk(path: Path, wanted: Mapping[str, Collection[str]]) -> Walk:
     """All whole messages of these names, of each its times and these fields."""
     found = Walk(wanted)
-    with path.open("rb") as file:
-        left = b""
-        while data := file.read(_WINDOW):
-            window = left + data
-            left = window[_take(window, found, last=len(data) < _WINDOW) :]
+    walk_through(path, _WINDOW, partial(_take, found))
     return found
 
 
@@ -189,7 +187,7 @@ def end_of(window: bytes, at: int, start: int, length: int) -> int:
     return start + length + 2 + (13 if signed else 0)
 
 
-def _take(window: bytes, found: Walk, *, last: bool) -> int:
+def _take(found: Walk, window: bytes, *, last: bool) -> int:
     at, end = 0, len(window) if last else len(window) - _LONGEST
     places: dict[tuple[int, int, int, int], array[int]] = {}  # by number, system, version, length
     while at < end:

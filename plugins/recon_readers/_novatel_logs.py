@@ -76,11 +76,9 @@ _PVAX: Final = Layout(
     (0, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11),
     ("status", *_PLACE, "undulation", *_MOTION),
 )
-_IMU: Final = Layout(
-    struct.Struct("<4x8xdddddd"),
-    (2, 3, 4, 5, 6, 7),
-    ("pitch_rate", "roll_rate", "yaw_rate", "lateral", "longitudinal", "vertical"),
-)
+_INCREMENTS: Final = ("pitch_rate", "roll_rate", "yaw_rate", "lateral", "longitudinal", "vertical")
+_IMU: Final = Layout(struct.Struct("<4xddddddd"), (1, 2, 3, 4, 5, 6, 7), ("seconds", *_INCREMENTS))
+_COUNTED: Final = Layout(struct.Struct("<Idddddd"), (0, 1, 2, 3, 4, 5, 6), ("samples", *_INCREMENTS))
 LOGS: Final[Mapping[str, tuple[int, Layout]]] = {
     "BESTPOS": (42, _POS),
     "BESTGNSSPOS": (1429, _POS),
@@ -91,8 +89,12 @@ LOGS: Final[Mapping[str, tuple[int, Layout]]] = {
     "INSPVAX": (1465, _PVAX),
     "CORRIMUDATA": (812, _IMU),
     "CORRIMUDATAS": (813, _IMU),
+    "IMURATECORRIMUS": (1362, _IMU),
+    "CORRIMUS": (2264, _COUNTED),
 }
-_BY_ID: Final = {number: name for name, (number, _) in LOGS.items()}
+RAW: Final[Mapping[str, int]] = {"RAWIMU": 268, "RAWIMUS": 325, "RAWIMUX": 1461, "RAWIMUSX": 1462}
+"""Logs in counts of each IMU, which are named and not read."""
+_BY_ID: Final = {number: name for name, number in RAW.items()} | {number: name for name, (number, _) in LOGS.items()}
 
 
 class _Rows:

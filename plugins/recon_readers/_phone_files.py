@@ -21,11 +21,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
+from recon_readers._limits import LARGEST_UNPACKED
 from recon_readers._lines import COPIED, Form, Lines, read_lines
 from recon_readers._text_blocks import HEAD_BYTES, Text, not_text, plain
 
-LARGEST: Final = 2**30
-"""Bytes of a table; a member of a zip that claims more is refused."""
 _SEPARATORS: Final = (",", ";", "\t")
 _WIDEST: Final = 1000
 _DECIMAL_COMMA: Final = re.compile(rb"\d,\d")
@@ -81,7 +80,7 @@ class Files:
             return
         with zipfile.ZipFile(self.path) as archive:
             member = _member(archive, name)
-            if member.file_size > LARGEST:
+            if member.file_size > LARGEST_UNPACKED:
                 what = f"it would unpack to {member.file_size / 1e9:.1f} GB"
                 raise ReadFailed(self.label(name), what, hint="unpack the zip, and name its folder")
             with archive.open(member) as packed:

@@ -80,6 +80,15 @@ def median_ns(times_ns: Times) -> int:
     return first + round(float(np.median(times_ns - first)))
 
 
+def slots(t_ns: Times) -> tuple[Mask, NDArray[np.int32]]:
+    """Rows with which a new time begins, (n,) bool, and to which of these times each row belongs, (n,) from 0.
+
+    t_ns : (n,) that never falls, at least one
+    """
+    begins = np.diff(t_ns, prepend=t_ns[0] - 1) > 0
+    return begins, np.cumsum(begins, dtype=np.int32) - 1
+
+
 def never_falling(t_ns: Times, usable: Mask) -> Times:
     """The times with those that cannot be used replaced by one beside them: (n,) ns.
 

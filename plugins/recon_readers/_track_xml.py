@@ -17,7 +17,10 @@ import numpy as np
 import pyarrow as pa
 
 from recon.errors import ReadFailed
+from recon.rows import Metric, warning
+from recon.schema import GNSS
 from recon_readers._columns import Columns, Grown
+from recon_readers._streams import Source, stream
 from recon_readers._time_text import moments
 
 BLOCK: Final = 1 << 20
@@ -85,6 +88,31 @@ def number(text: str | None) -> float:
         return float(text) if text and text.isascii() and "_" not in text else np.nan
     except ValueError:
         return np.nan
+
+
+def unread(count: int) -> list[Metric]:
+    """The warning where texts are no numbers."""
+    return [warning(f"{count} texts of points are no numbers, and are left out")] if count else []
+
+
+def fixes(path: Path, columns: Columns, count: int, line: int) -> tuple[pa.Table, list[Metric]]:
+    """The stream gnss of `Points.columns`, what they are and what was left out.
+
+    count : of the points; line : where the file is damaged, 0 where it is whole
+
+    Raises ReadFailed where no point has a time and a place.
+    """
+    gnss, told = stream(Source(path, "gnss"), GNSS, columns.pop("time"), columns.pop("missing"), columns)
+    if gnss is None:
+        what = "none of its points has a time and a place"
+        raise ReadFailed(path, what, line=line or 1, hint="is it the right file?")
+    return gnss, [Metric("points", float(count)), *told]
+
+
+def damage(path: Path, line: int, reason: str) -> list[Metric]:
+    """The warning where a file is damaged; `reason` : "" where it is whole."""
+    text = f"{path.name} is damaged in line {line} ({reason}): what comes behind is not read"
+    return [warning(text)] if reason else []
 
 
 def parse(path: Path, elements: Elements) -> tuple[int, str]:

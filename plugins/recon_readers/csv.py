@@ -27,12 +27,13 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from recon.declaration import Schemas
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS, Schema
-from recon.stages import Reader, Schemas, Sniff
+from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams
 from recon_readers._columns import Columns
 from recon_readers._csv_mapping import Columns as Mapped

@@ -9,9 +9,9 @@
     10,-1 [-2]
 
 A header names the time and the elements with their units; a blank line or another header begins the next table. Fields
-are separated by commas, semicolons or tabs, decimals are points. Where two units are given, that in brackets is read.
-Elements that 49 CFR part 563 names become its names and units, other numbers keep theirs; texts are left out. Signs are
-taken as the recorder has them: forward, right and down positive (SAE J1698).
+are separated by commas, semicolons or tabs, decimals are points, or commas that cannot part thousands. Where two units
+are given, that in brackets is read. Elements that 49 CFR part 563 names become its names and units, other numbers keep
+theirs; texts are left out. Signs are taken as the recorder has them: forward, right and down positive (SAE J1698).
 
 References
     49 CFR 563.7; SAE J1698-1; ISO/TR 12353-3:2013.
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +32,7 @@ from recon.edr import ACCELERATIONS, DELTA_V_LAT, DELTA_V_LONG, EDR, ELEMENTS, S
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
-from recon.rows import Metric, metrics
+from recon.rows import Metric, metrics, warning
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, build
 from recon.units import UnitError, convert
@@ -49,6 +49,7 @@ _KNOWN: Final[tuple[tuple[str, Element], ...]] = (
 _TIMES: Final = {"sec": 1.0, "s": 1.0, "seconds": 1.0, "msec": 1e-3, "ms": 1e-3, "milliseconds": 1e-3}
 _UNITS: Final = {"MPH": "mph", "KM/H": "km/h", "KPH": "km/h", "G": "g", "M/S^2": "m/s^2"}
 _NUMBER: Final = re.compile(r"[-+]?\d+(?:\.\d*)?|[-+]?\.\d+")
+_DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,(?:\d{1,2}|\d{4,})")
 _TIME: Final = re.compile(r"^times?\b[^(\[]*[(\[]\s*([a-z]+)", re.IGNORECASE)
 _OWN: Final = ("event", "t", "element", "unit", "value")
 _COPIED: Final = "paste the table with its header line, which names the time and the elements with their units"
@@ -76,7 +77,9 @@ def read(path: Path, params: EdrCsvParams) -> Streams:
     lines = _lines(path)
     rows: list[dict[str, Any]] = []
     elements: list[_Element] = []
-    scale, texts = 0.0, set()
+    scale = 0.0
+    texts: dict[str, list[int]] = {}
+    untimed: list[int] = []
     own: list[str] | None = None
     for number, cells in lines:
         seconds = _TIME.match(cells[0])
@@ -86,20 +89,26 @@ def read(path: Path, params: EdrCsvParams) -> Streams:
             scale, elements, own = _TIMES[seconds[1].lower()], [_element(i, c) for i, c in enumerate(cells) if i], None
         elif own is not None:
             rows.append(_own_row(path, number, dict(zip(own, cells, strict=False))))
-        elif elements and _NUMBER.fullmatch(cells[0]):
+        elif elements and _number(cells[0]) is None:
+            untimed += [number] * (sum(_number(cell) is not None for cell in cells) > 0)
+        elif elements:
             for element in elements:
                 value = _value(cells, element)
                 if value is None:
-                    texts.add(element.name)
+                    texts.setdefault(element.name, []).append(number)
                     continue
-                t = scale * float(cells[0])
-                row = {"event": params.event, "t": t, "element": element.name, "unit": element.kept}
+                row = {
+                    "event": params.event,
+                    "t": scale * (_number(cells[0]) or 0.0),
+                    "element": element.name,
+                    "unit": element.kept,
+                }
                 rows.append(row | {"value": _converted(path, number, value, element)})
     if not rows:
         raise ReadFailed(path, "it holds no table of an event data recorder", line=1, hint=_COPIED)
     before = [row for row in rows if not _of_crash(row)]
     learnt = [Metric("edr_values", float(len(rows)))]
-    learnt += [Metric("edr_left_out", method=name, note="holds texts") for name in sorted(texts)]
+    learnt += _left_out({row["element"] for row in rows}, texts, untimed)
     streams = {"recorded_pre_crash": before, "recorded_crash": [row for row in rows if _of_crash(row)]}
     return {**{name: _table(found) for name, found in streams.items() if found}, "metrics": metrics(learnt)}
 
@@ -134,7 +143,23 @@ def _value(cells: list[str], element: _Element) -> float | None:
     cell = cells[element.column] if element.column < len(cells) else ""
     inside = re.search(r"\[([^\]]*)\]", cell) if element.bracketed else None
     text = (inside[1] if inside else cell).strip()
+    return _number(text)
+
+
+def _number(text: str) -> float | None:
+    """Of a field; None where it holds none. A comma before three digits may part thousands: then nobody knows."""
+    text = text.replace(",", ".") if _DECIMAL_COMMA.fullmatch(text) else text
     return float(text) if _NUMBER.fullmatch(text) else None
+
+
+def _left_out(read: set[str], texts: dict[str, list[int]], untimed: list[int]) -> Iterator[Metric]:
+    """What is to be said of fields that hold no number. texts : lines by element; untimed : lines without a time"""
+    for name, lines in sorted(texts.items()):
+        yield Metric("edr_left_out", float(len(lines)), method=name, note="holds texts")
+        if name in read:  # an element of words, such as that of a switch, has no number anywhere
+            yield warning(f"{name} is no number in {len(lines)} lines, the first line {lines[0]}: they are left out")
+    if untimed:
+        yield warning(f"{len(untimed)} lines have numbers and no time, the first line {untimed[0]}: they are left out")
 
 
 def _converted(path: Path, number: int, value: float, element: _Element) -> float:
@@ -184,6 +209,7 @@ def declare_readers() -> Iterable[Reader]:
     """Declare reader.edr_csv."""
     yield Reader(
         name="edr_csv",
+        version=2,
         summary="Tables of event data recorders: speed before, delta-V and accelerations in a crash.",
         params=EdrCsvParams,
         writes={"recorded_pre_crash": EDR.possible(), "recorded_crash": EDR.possible()},

@@ -66,11 +66,15 @@ def read(path: Path, params: GnssloggerParams) -> Streams:
     text = load(path)
     titles, raw_rows = _titles(text)
     sensors: dict[str, Sensor] = {}
+    unnamed: list[Metric] = []
     for key, (name, unit) in SENSORS.items():
         found = _sensor(text, titles, name, key, unit)
         if found is not None:
             sensors[key] = found
+        elif _has_lines(text, name, f"Uncal{name}"):
+            unnamed.append(warning(f"no comment names the columns of {name}: its lines are left out"))
     place, learnt = _fixes(text, titles, params.provider)
+    learnt = [*unnamed, *learnt]
     if place is not None:
         sensors["gnss"] = place
     facts = {"time_scale": "UTC", "clock": "absolute", "format": "GnssLogger"}
@@ -92,6 +96,12 @@ def _titles(text: Text) -> tuple[dict[str, tuple[str, ...]], int]:
         for kind, names in re.findall(rb"(?m)^#\s*(\w{1,30}),([^\n]*)$", block):
             titles.setdefault(kind.decode(), tuple(names.decode("utf-8", "replace").strip().split(",")))
     return titles, raw_rows
+
+
+def _has_lines(text: Text, *kinds: str) -> bool:
+    """Are there lines of any of these kinds?"""
+    line = re.compile(rb"(?m)^(?:" + "|".join(kinds).encode() + rb"),")
+    return any(line.search(block) for block in text.blocks())
 
 
 def _lines(
@@ -157,8 +167,8 @@ def _fixes(text: Text, titles: Mapping[str, tuple[str, ...]], provider: str) -> 
     found = {key: next((name for name in choice if name in names), None) for key, choice in _FIX.items()}
     present = {key: name for key, name in found.items() if name is not None}
     if "Provider" not in names or not {"lat", "lon", "time"} <= present.keys():
-        there = any(block.startswith(b"Fix,") or b"\nFix," in block for block in text.blocks())
-        return None, [warning("no comment names the columns of the fixes: they are left out")] * there
+        unnamed = warning("no comment names the columns of the fixes: they are left out")
+        return None, [unnamed] * _has_lines(text, "Fix")
 
     def made(table: pa.Table) -> dict[str, NDArray[Any]]:
         from pyarrow import compute

@@ -64,7 +64,7 @@ def read(path: Path, params: GpmfParams) -> Streams:
     unclosed = is_mp4(head) and any(place.start_ns is None for place in places)
     found = _all(path, places)
     counts = ", ".join(f"{each.rows} {key}" for key, each in found.items())
-    times = {key: _times(path, key, places, each.parts, params) for key, each in found.items()}
+    times = {key: _times(path, places, each.parts, params) for key, each in found.items()}
     zero_ns = _utc_zero(found, times)
     imu, told = _imu(path, found, times, zero_ns)
     gnss, learnt = _gnss(path, found, times, zero_ns)
@@ -146,18 +146,18 @@ def _all(path: Path, places: Sequence[Place]) -> dict[str, _Samples]:
     return {key: found[key] for key in WANTED if key in found}
 
 
-def _times(path: Path, key: str, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams) -> Times:
+def _times(path: Path, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams) -> Times:
     """Times (n,) ns after the start of the recording of all samples of a stream."""
     t_ns = np.empty(sum(part.rows for part in parts), dtype=np.int64)
     end = 0
-    for start, duration, part in zip(*_spans(path, key, places, parts, params), parts, strict=True):
+    for start, duration, part in zip(*_spans(path, places, parts, params), parts, strict=True):
         end += part.rows
         t_ns[end - part.rows : end] = start + duration * np.arange(part.rows) // part.rows
     return t_ns
 
 
 def _spans(
-    path: Path, key: str, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams
+    path: Path, places: Sequence[Place], parts: Sequence[_Part], params: GpmfParams
 ) -> tuple[list[int], list[int]]:
     """Start and duration in ns of the samples of each payload."""
     known = [part.stamp_us for part in parts if part.stamp_us is not None and part.stamp_us < 1 << 50]

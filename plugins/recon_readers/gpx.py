@@ -21,13 +21,12 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import Params, setting
-from recon.rows import Metric, metrics, warning
+from recon.rows import Metric, metrics
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, with_meta
 from recon_readers._lines import COPIED
-from recon_readers._streams import Source, stream
-from recon_readers._track_xml import Points, number, parse
+from recon_readers._track_xml import Points, damage, fixes, number, parse, unread
 
 FIXES: Final = {"none": 0.0, "2d": 2.0, "3d": 3.0, "dgps": 3.0, "pps": 3.0}
 _NUMBERS: Final = {"ele": "height", "speed": "speed", "course": "course", "sat": "satellites"}
@@ -47,7 +46,7 @@ class _Track:
 
     def __init__(self) -> None:
         self.points = Points(("lat", "lon", *_NUMBERS.values(), "fix"))
-        self.count = self.untimed = self.others = 0
+        self.count = self.untimed = self.others = self.unread = 0
         self._inside = False
         self._time = ""
         self._values: dict[str, float] = {}
@@ -55,7 +54,7 @@ class _Track:
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
         if name == "trkpt":
             self._inside, self._time = True, ""
-            self._values = {axis: number(attributes.get(axis)) for axis in ("lat", "lon")}
+            self._values = {axis: self._number(attributes.get(axis, "")) for axis in ("lat", "lon")}
         elif name in ("wpt", "rtept"):
             self.others += 1
 
@@ -72,7 +71,12 @@ class _Track:
         elif name == "fix":
             self._values["fix"] = FIXES.get(text.lower(), np.nan)
         elif name in _NUMBERS:
-            self._values[_NUMBERS[name]] = number(text)
+            self._values[_NUMBERS[name]] = self._number(text)
+
+    def _number(self, text: str) -> float:
+        found = number(text)
+        self.unread += bool(np.isnan(found)) and text.lower() not in ("", "nan")
+        return found
 
 
 def read(path: Path, params: GpxParams) -> Streams:
@@ -89,16 +93,10 @@ def read(path: Path, params: GpxParams) -> Streams:
     columns = track.points.columns()
     if "course" in columns:
         columns["course"] = np.radians(columns["course"])
-    gnss, told = stream(Source(path, "gnss"), GNSS, columns.pop("time"), columns.pop("missing"), columns)
-    if gnss is None:
-        raise ReadFailed(
-            path, "none of its points has a time and a place", line=line or 1, hint="is it the right file?"
-        )
-    learnt = [Metric("points", float(track.count)), *told]
+    gnss, learnt = fixes(path, columns, track.count, line)
     if track.others:
         learnt.append(Metric("points_not_read", float(track.others), note="waypoints and points of routes"))
-    if reason:
-        learnt.append(warning(f"{path.name} is damaged in line {line} ({reason}): what comes behind is not read"))
+    learnt += [*unread(track.unread), *damage(path, line, reason)]
     if params.height_datum is None and "height" in gnss.column_names:
         note = "GPX does not tell it: reader.gpx.height_datum may"
         learnt.append(Metric("height_datum", method="not known", note=note))

@@ -72,12 +72,13 @@ def read(path: Path, params: KfGinsParams) -> Streams:
 
     Raises ReadFailed, and DataError where two files contradict each other.
     """
-    kinds = {file: kind for file in _files(path) if (kind := _kind(_top(_head(file))))}
+    found = {file: _kind(_top(_head(file))) for file in _files(path)}
+    kinds = {file: kind for file, kind in found.items() if kind}
     if not kinds:
         raise ReadFailed(path, "it holds no table of KF-GINS", line=1, hint="7, 11 or 13 columns parted by blanks")
     tables = {file: _table(file, LAYOUTS[kind]) for file, kind in kinds.items()}
     week = params.week if params.week is not None else _week(tables)
-    parts, told = [], []
+    parts, told = [], [_not_read(file) for file, kind in found.items() if not kind and _is_of_numbers(_head(file))]
     for file, lines in tables.items():
         name = kinds[file].split()[0]
         made, learnt = _MAKERS[name](lines, *_times(lines, week))
@@ -133,6 +134,18 @@ def _top(head: bytes) -> Array:
     if not good or len(good) < 0.8 * len(rows):
         return np.zeros((0, 0))
     return np.array([[float(part) for part in row] for row in good])
+
+
+def _is_of_numbers(head: bytes) -> bool:
+    """Is it empty, or do most of its lines begin with a number, in whatever code and layout? Then it is no prose."""
+    lines = head.replace(b"\0", b"").lstrip(b"\xff\xfe\xef\xbb\xbf").splitlines()
+    starts = [line.strip(b'" \t+-')[:1] for line in lines if line.strip()][:LOOK_AT]
+    return sum(map(bytes.isdigit, starts)) >= 0.5 * len(starts)
+
+
+def _not_read(file: Path) -> Metric:
+    what = "is no table of KF-GINS: 7, 11 or 13 numbers in each line, parted by blanks, their times rising"
+    return warning(f"{file.name} is not read, for it {what}")
 
 
 def _kind(top: Array) -> str:

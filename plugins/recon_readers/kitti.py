@@ -64,7 +64,7 @@ def read(path: Path, params: KittiParams) -> Streams:
     placed = {**facts, "height_datum": "ellipsoid"}
     felt, world = {**facts, "axes": "FLU"}, {**facts, **anchored}
     streams: Streams = {}
-    learnt = [Metric("packets", float(len(packets))), *_told(folder, damaged, params)]
+    learnt = [Metric("packets", float(len(packets))), *_told(folder, damaged, params), *_untimed(folder, len(packets))]
     for name, schema, more in (
         ("imu", IMU, felt),
         ("gnss", GNSS, placed),
@@ -138,6 +138,13 @@ def _told(folder: Path, damaged: int, params: KittiParams) -> list[Metric]:
         found.append(warning(f"left out of {folder.name}: {damaged} packets that are absent or not of 30 numbers"))
     note = "gnss is the recorder's solution of GNSS and IMU: smoother than a receiver's, its errors last longer"
     return [*found, Metric("gnss_source", method="GNSS and IMU", note=note)]
+
+
+def _untimed(folder: Path, times: int) -> list[Metric]:
+    """What is to be said where there are more packets than times."""
+    names = (file.stem for file in (folder / "data").glob("*.txt"))
+    more = sum(name.isdecimal() and int(name) >= times for name in names)
+    return [warning(f"{more} packets are not read, for {TIMES} has {times} lines only: copy it again")] if more else []
 
 
 @hookimpl

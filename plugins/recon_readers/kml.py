@@ -20,17 +20,17 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import NoParams
-from recon.rows import Metric, metrics, warning
+from recon.rows import metrics
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, with_meta
-from recon_readers._streams import Source, stream
-from recon_readers._track_xml import Points, number, parse
+from recon_readers._track_xml import Points, damage, fixes, number, parse, unread
 
 MOST_POINTS: Final = 4096
 """Of a track are kept before they are paired."""
 _VIEWS: Final = ("LookAt", "Camera")
 """From where a placemark is looked at: times and altitudes in it are those of the eye."""
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+")
 _KML: Final = re.compile(rb"<(?:\w+:)?kml[\s>]")
 
 
@@ -39,7 +39,7 @@ class _Tracks:
 
     def __init__(self) -> None:
         self.points = Points(("lat", "lon", "height"))
-        self.count = self.drawn = 0
+        self.count = self.drawn = self.unread = 0
         self._inside = self._absolute = self._view = False
         self._whens: list[str] = []
         self._coords: list[str] = []
@@ -83,11 +83,23 @@ class _Tracks:
         for when, coord in zip_longest(self._whens, self._coords, fillvalue=""):
             if not (when and coord):
                 continue
-            parts = [number(part) for part in re.split(r"[\s,]+", coord.strip())]
-            lon, lat, height = [*parts, np.nan, np.nan, np.nan][:3]
+            lon, lat, height = _place(coord)
+            self.unread += bool(np.isnan(lon + lat))
             self.points.add(when, {"lat": lat, "lon": lon, "height": height if self._absolute else np.nan})
             self.count += 1
         self._whens, self._coords = [], []
+
+
+def _place(text: str) -> list[float]:
+    """Longitude, latitude and height, NaN where one is not told.
+
+    Blanks part them, or commas; where blanks do, and there are no points, commas are those of decimals.
+    """
+    parts = text.split()
+    if len(parts) < 2 or not all(map(_DECIMAL_COMMA.fullmatch, parts[:2])):
+        parts = re.split(r"[\s,]+", text.strip())
+    found = [number(part.replace(",", ".")) for part in parts]
+    return [*found, np.nan, np.nan, np.nan][:3] if len(found) <= 3 else [np.nan, np.nan, np.nan]
 
 
 def read(path: Path, params: NoParams) -> Streams:
@@ -100,15 +112,8 @@ def read(path: Path, params: NoParams) -> Streams:
         what = f"it is damaged here: {reason}" if reason else what
         hint = "a recorded track is a gx:Track with a 'when' for each point: export it as that, or as GPX"
         raise ReadFailed(path, what, line=line or 1, hint=hint)
-    columns = tracks.points.columns()
-    gnss, told = stream(Source(path, "gnss"), GNSS, columns.pop("time"), columns.pop("missing"), columns)
-    if gnss is None:
-        raise ReadFailed(
-            path, "none of its points has a time and a place", line=line or 1, hint="is it the right file?"
-        )
-    learnt = [Metric("points", float(tracks.count)), *told]
-    if reason:
-        learnt.append(warning(f"{path.name} is damaged in line {line} ({reason}): what comes behind is not read"))
+    gnss, learnt = fixes(path, tracks.points.columns(), tracks.count, line)
+    learnt += [*unread(tracks.unread), *damage(path, line, reason)]
     table = with_meta(gnss, clock="absolute", format="KML", time_scale="UTC", height_datum="mean_sea_level")
     return {"gnss": table, "metrics": metrics(learnt)}
 
@@ -126,7 +131,7 @@ def declare_readers() -> Iterable[Reader]:
         name="kml",
         summary="KML: gx:Track, and placemarks with a time stamp.",
         run=read,
-        version=2,
+        version=3,
         sniff=sniff,
         writes={"gnss": GNSS.only("lat", "lon", "height").possible()},
         references=("OGC 07-147r2, KML 2.2", "OGC 12-007r2, KML 2.3"),

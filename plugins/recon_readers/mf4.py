@@ -30,13 +30,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from recon.declaration import Schemas
 from recon.errors import NothingUsable
 from recon.hookspecs import hookimpl
 from recon.numerics.axes import turn
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS, Schema, spread
-from recon.stages import EVERYTHING, Reader, Schemas, Sniff, Wanted
+from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams, with_meta
 from recon.units import convert
 from recon.utc import zone_ns

@@ -39,7 +39,7 @@ from recon.rows import Metric, metrics
 from recon.schema import GNSS, IMU, REFERENCE
 from recon.stages import Reader, Sniff
 from recon.tables import Array, Streams, build, with_meta
-from recon_readers._arrays import FRONT_RIGHT_DOWN, first_place, in_time, reference
+from recon_readers._arrays import FRONT_RIGHT_DOWN, first_place, in_time, left_out, reference
 from recon_readers._limits import refuse_beyond, refuse_impossible
 from recon_readers._matlab import COMPRESSED, HEADER, byte_order, structures
 from recon_readers._time_order import Times
@@ -175,9 +175,7 @@ def _columns(
     t_s = _numbers(file, name, fields, "t")
     t_ns, rows = in_time(t_s)
     columns = {field: _numbers(file, name, fields, field, len(t_s))[rows] for field in wanted}
-    note = f"of {len(rows)} rows of {name}: times that are missing, repeated or out of order"
-    learnt = [] if rows.all() else [Metric("rows_left_out", float((~rows).sum()), note=note)]
-    return t_ns[rows], columns, learnt
+    return t_ns[rows], columns, left_out(rows, name)
 
 
 def _imu(file: Path, name: str, fields: Fields) -> _Made:

@@ -55,6 +55,10 @@ _IMU: Final = Change(frames={"accel": "vehicle", "gyro": "vehicle"}, quantities=
 )
 
 
+_SAME_END: Final = 0.05
+"""Share of their length by which channels of one place may end apart."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A curve: its number, group and unit, place, axis (0 to 2), whether it is redundant, and what is said of it."""
@@ -193,6 +197,7 @@ def _stream(name: str, group: list[Channel], files: Mapping[Channel, Path]) -> t
         unit = convert(1.0, channel.unit, "m/s^2" if channel.group == "accel" else "rad/s")
         curves[column] = (t_ns, values * (unit * FRONT_RIGHT_DOWN[channel.axis]))
         learnt += told
+    learnt += _cut(group[0].place, curves)
     t_ns, columns = interleave(curves)
     source = Source(files[group[0]], name)
     for quantity in sorted({channel.group for channel in group}):  # an axis that was not measured is null
@@ -202,6 +207,20 @@ def _stream(name: str, group: list[Channel], files: Mapping[Channel, Path]) -> t
     return (None if made is None else with_meta(made, **facts)), [*learnt, *told]
 
 
+def _cut(place: str, curves: Mapping[str, tuple[Times, Array]]) -> list[Metric]:
+    """What is to be said where the channels of one place end at different times: one of their files is cut."""
+    ends = {column: int(t_ns[-1]) if len(t_ns) else None for column, (t_ns, _) in curves.items()}
+    known = [end for end in ends.values() if end is not None]
+    short = [
+        column
+        for column, end in ends.items()
+        if end is None or max(known) - end > _SAME_END * (max(known) - int(curves[column][0][0]))
+    ]
+    if not short:
+        return []
+    return [warning(f"of {place}, {', '.join(short)} ends before the other axes do: copy the files again")]
+
+
 def _curve(path: Path) -> tuple[Times, Array, list[Metric]]:
     """Times (n,) ns that rise and values (n,) of a channel. Raises ReadFailed."""
     form = Form(("time", "value"), {"time": TIME_TYPE, "value": pa.float64()})
@@ -209,7 +228,11 @@ def _curve(path: Path) -> tuple[Times, Array, list[Metric]]:
     t_ns, missing = lines.columns.pop("time"), lines.columns.pop("no_time")
     rows = in_order(t_ns, missing)
     rows &= ~repeating(t_ns, [rows])
-    return kept(t_ns, rows), kept(lines.columns.pop("value"), rows), lines.learnt() if lines.skipped else []
+    learnt = lines.learnt() if lines.skipped else []
+    lost = len(rows) - int(rows.sum())
+    if lost:
+        learnt.append(warning(f"left out of {path.name}: time is missing, repeats or is out of order ({lost} times)"))
+    return kept(t_ns, rows), kept(lines.columns.pop("value"), rows), learnt
 
 
 def _closing_speed(sections: Mapping[str, list[list[str]]]) -> list[Metric]:

@@ -39,7 +39,7 @@ from recon_readers._columns import at_rows, kept
 from recon_readers._fresh_rows import GnssRows, gnss_rows, imu_rows, see
 from recon_readers._physycom_layouts import ACCEL, EARLIEST_S, GYRO, PLACE, sniff
 from recon_readers._physycom_log import Log, account, doubts, missing_values, open_log
-from recon_readers._time_order import Mask, Times
+from recon_readers._time_order import Mask, Times, slots
 
 NS: Final = 1_000_000_000
 EPOCH_2000_NS: Final = 946_684_800 * NS
@@ -164,8 +164,7 @@ def _imu(log: Log, fresh: Mapping[str, Mask], params: PhysycomParams) -> Streams
         return {}
     rows = np.logical_or.reduce(list(masks.values()))
     t_ns = log.time_ns[rows]
-    begins = np.diff(t_ns, prepend=t_ns[0] - 1) > 0
-    slot = np.cumsum(begins, dtype=np.int32) - 1
+    begins, slot = slots(t_ns)
     time_ns = _utc_ns(t_ns[begins], params)
     columns = {}
     for name, mask in masks.items():

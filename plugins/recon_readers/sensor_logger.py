@@ -44,6 +44,8 @@ from recon_readers._time_text import moments
 
 MERGED: Final = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z")
 FIELD: Final = ("mag_x", "mag_y", "mag_z")
+_BOTH: Final = ("latitude", "longitude")
+"""Of a table that has one of them, the other is needed."""
 _MERGED_SENSORS: Final = (
     ("accel", "acc", "accel_x"), ("gyro", "gyro", "gyro_x"), ("mag", "mag", "mag_x"), ("baro", "pressure", "pressure"),
     ("gnss", "location", "lat"),
@@ -86,6 +88,9 @@ def read(path: Path, params: SensorLoggerParams) -> Streams:
             sensors = {"accel": accel, **sensors}
     facts = {"time_scale": "UTC", "clock": "absolute", "format": "Sensor Logger"}
     made, told = streams_of(path, sensors, felt, facts, params)
+    if not made and len(files.names) == 1 and _is_metadata(files.head(files.names[0])):
+        what = "it tells of the phone and of what it recorded, and holds no measurement"
+        raise ReadFailed(path, what, hint="name the folder that it is in, or one of the tables beside it")
     if not made:
         asked = [row.note for row in learnt if row.name == "warning"]
         hint = "\n  ".join(asked) or "it should hold Accelerometer.csv, Gyroscope.csv, Location.csv, ... with rows"
@@ -139,7 +144,8 @@ def _sensor(
     if sensor not in tables:
         return None
     sheet = sheet_of(files, tables[sensor])
-    missing = [name for name in ("time", *(() if maybe else names)) if name not in sheet.names]
+    needed = ("time", *(() if maybe else names), *(_BOTH if set(_BOTH) & set(sheet.names) else ()))
+    missing = [name for name in needed if name not in sheet.names]
     if missing:
         raise ReadFailed(sheet.path, f"it has no column '{missing[0]}'", line=1, hint="is it a table of Sensor Logger?")
     there = tuple(name for name in names if name in sheet.names)
@@ -261,6 +267,8 @@ def sniff(path: Path, head: bytes) -> Sniff:
         return Sniff(0.0, "no tables of Sensor Logger")
     if _is_table(head):
         return Sniff(0.9, "columns time and seconds_elapsed of Sensor Logger")
+    if _is_metadata(head):
+        return Sniff(0.9, "Metadata.csv of Sensor Logger")
     if _is_merged(head) and b"horizontalAccuracy" in head[:4096]:
         return Sniff(0.85, "columns of a merged table of Sensor Logger")
     return Sniff(0.0, "no table of Sensor Logger")
@@ -269,6 +277,11 @@ def sniff(path: Path, head: bytes) -> Sniff:
 def _is_table(head: bytes) -> bool:
     names, _ = header_of(plain(head).partition(b"\n")[0])
     return {"time", "seconds_elapsed"} <= set(names)
+
+
+def _is_metadata(head: bytes) -> bool:
+    names, _ = header_of(plain(head).partition(b"\n")[0])
+    return {"device name", "recording epoch time", "platform"} <= set(names)
 
 
 @hookimpl

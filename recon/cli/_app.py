@@ -68,7 +68,10 @@ def _command() -> Any:
     settings = {"help_option_names": ["-h", "--help"], **width}
     app.callback(invoke_without_command=True, context_settings=settings)(_top)
     for verb in _VERBS:
-        app.command()(console.only_results()(verb))
+        about = (verb.__doc__ or "").partition("\n")[
+            0
+        ]  # as a whole: what is not given as short_help is cut at the width
+        app.command(short_help=about)(console.only_results()(verb))
     return get_command(app)
 
 

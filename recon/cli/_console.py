@@ -1,10 +1,11 @@
-"""Standard output and error: plain text as wide as it is, never wrapped, cut or coloured."""
+"""Standard output and error: plain text as wide as it is, never cut or coloured."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -74,6 +75,11 @@ def abandon_output() -> None:
 def write_json(data: Any) -> None:
     """JSON of ASCII characters, which every console and pipe carries."""
     write(json.dumps(data, indent=2, allow_nan=False))
+
+
+def width() -> int | None:
+    """Columns of the terminal that reads standard output, 120 at most; None where it is no terminal."""
+    return min(shutil.get_terminal_size().columns, 120) if _output().isatty() else None
 
 
 def table(rows: Sequence[Sequence[str]], indent: int = 2) -> str:

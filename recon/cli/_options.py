@@ -59,11 +59,15 @@ def overrides_of(settings: Sequence[str] | None) -> list[Override]:
     return found
 
 
+def bad_option(text: str, hint: str, option: str = "") -> ConfigError:
+    """What to raise where the words of a command make no sense. option : the one that is meant, with its value"""
+    return ConfigError([Problem(Where(option) if option else None, "bad-option", text, hint)])
+
+
 def check_store(store: str | None) -> None:
     """Raises ConfigError for a kind of store that there is not."""
-    from recon.pipeline import STORES
+    from recon.storage import STORES
 
     if store is not None and store not in STORES:
         hint = did_you_mean(store, STORES) or f"write {one_of(STORES)}"
-        where = Where(f"--store {store}")
-        raise ConfigError([Problem(where, "bad-option", f"there is no store '{store}'", hint)])
+        raise bad_option(f"there is no store '{store}'", hint, f"--store {store}")

@@ -9,9 +9,9 @@ from recon.cli import _console as console
 from recon.cli._columns import column_rows
 
 if TYPE_CHECKING:
+    from recon.declaration import Stage
     from recon.registry import Registry
     from recon.schema import Change, Column, Schema
-    from recon.stages import Stage
 
 
 def described(key: str, registry: Registry) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def _delegates(stage: Stage) -> bool:
 
 def _capabilities(stage: Stage) -> dict[str, Any]:
     """What the record declares of itself beyond what every record does; a function of its own counts as True."""
-    from recon.stages import Stage
+    from recon.declaration import Stage
 
     common = {field.name for field in fields(Stage)}
     own = {field.name: getattr(stage, field.name) for field in fields(stage) if field.name not in common}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, overrides_of, registry_of
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, bad_option, overrides_of, registry_of
 
 if TYPE_CHECKING:
     from recon.allan import Allan
@@ -122,11 +122,8 @@ def _as_text(name: str, data: dict[str, Any]) -> str:
 
 def _refuse_kind(plot: Path | None) -> None:
     """Raises ConfigError where the ending names no kind of picture: asked before any work is done."""
-    from recon.errors import ConfigError
-    from recon.problems import Problem
-
     if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise ConfigError([Problem(None, "bad-option", f"--plot {plot} is no picture", "write NAME.png or NAME.svg")])
+        raise bad_option(f"--plot {plot} is no picture", "write NAME.png or NAME.svg")
 
 
 def _shown(value: float | None) -> str:

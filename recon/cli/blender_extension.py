@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from recon.cli import _console as console
-from recon.errors import ConfigError
-from recon.problems import Problem, Where, did_you_mean, one_of
+from recon.cli._options import bad_option
+from recon.problems import did_you_mean, one_of
 
 
 def blender_extension(
@@ -29,8 +29,7 @@ def blender_extension(
     chosen = platform or {"win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform, "linux-x64")
     if chosen not in PLATFORMS:
         hint = did_you_mean(chosen, PLATFORMS) or f"write {one_of(list(PLATFORMS))}"
-        where = Where(f"--platform {chosen}")
-        raise ConfigError([Problem(where, "bad-option", f"there is no platform '{chosen}'", hint)])
+        raise bad_option(f"there is no platform '{chosen}'", hint, f"--platform {chosen}")
     made = build_extension(chosen, out)
     further = [
         ("Blender 4.2 to 5.0", "drop the file on the window, or Preferences > Get Extensions > Install from Disk"),

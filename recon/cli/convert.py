@@ -14,14 +14,13 @@ from recon.cli._options import (
     Overwrite,
     Settings,
     Store,
+    bad_option,
     check_store,
     overrides_of,
     registry_of,
 )
 from recon.cli._progress import progress
 from recon.cli._results import accounted, warning_lines
-from recon.errors import ConfigError
-from recon.problems import Problem, Where
 
 if TYPE_CHECKING:
     from recon.api import Run
@@ -72,7 +71,7 @@ def _check_kind(target: Path, registry: Registry) -> None:
         text, hint = f"convert writes no {kind}", f"convert to a folder, then write 'recon export FOLDER {kind}'"
     else:
         return
-    raise ConfigError([Problem(None, "bad-option", text, hint)])
+    raise bad_option(text, hint)
 
 
 def _refuse(target: Path, store: str | None, *, overwrite: bool) -> None:
@@ -81,7 +80,7 @@ def _refuse(target: Path, store: str | None, *, overwrite: bool) -> None:
 
     if store == "parquet":
         hint = "name a folder, or leave --store away"
-        raise ConfigError([Problem(Where(f"--store {store}"), "bad-option", f"{target} is a single MCAP file", hint)])
+        raise bad_option(f"{target} is a single MCAP file", hint, f"--store {store}")
     if not (overwrite and target.is_file() and store_of(target) == "mcap"):
         refuse_existing(target, overwrite)
 

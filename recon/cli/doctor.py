@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
+from recon.cli._options import (
+    AsJson,
+    Blocked,
+    FirstPartyOnly,
+    Overwrite,
+    Settings,
+    bad_option,
+    overrides_of,
+    registry_of,
+)
 
 if TYPE_CHECKING:
     from recon.overrides import Override
@@ -25,20 +34,21 @@ _HEADS: Final = {
 }
 _WIDTH: Final = 100
 _BOTH: Final = ("as it is", "put right")
+_Out: TypeAlias = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Keep the findings there, with a report that shows the evidence.")
+]
+_Write: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Write a pipeline that puts right what was found, as far as one can, and try it."
+    ),
+]
 
 
 def doctor(
     paths: Annotated[list[Path], typer.Argument(metavar="LOG", help="A log, or several files of one drive.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Keep the findings there, with a report that shows the evidence."),
-    ] = None,
-    write: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Write a pipeline that puts right what was found, as far as one can, and try it."
-        ),
-    ] = None,
+    out: _Out = None,
+    write: _Write = None,
     settings: Settings = None,
     overwrite: Overwrite = False,
     blocked: Blocked = None,
@@ -76,7 +86,7 @@ def _refuse_existing(write: Path | None, overwrite: bool) -> None:
     from recon.problems import Problem
 
     if write is not None and write.is_dir():
-        raise ConfigError([Problem(None, "bad-option", f"--write: {write} is a folder", "name a file")])
+        raise bad_option(f"--write: {write} is a folder", "name a file")
     if write is not None and write.exists() and not overwrite:
         raise ConfigError([Problem(None, "output-exists", f"{write} is there already", "--overwrite replaces it")])
 
@@ -162,13 +172,26 @@ def _as_text(name: str, found: Sequence[dict[str, Any]], warnings: Sequence[str]
             for one in some:
                 lines += _at_length(one)
         else:
-            lines.append(
-                console.table([(one["code"], _value(one), _first_sentence(one["explanation"])) for one in some])
-            )
+            lines += _in_short(some, console.width())
     own = {one["explanation"] for one in found}
     others = [text for text in warnings if text.partition(": ")[2] not in own]
     lines += ["", *(f"note: {text}" for text in others)] if others else []
     return "\n".join(lines)
+
+
+def _in_short(some: Sequence[dict[str, Any]], width: int | None) -> list[str]:
+    """A line for each finding; in a terminal of so many columns it goes on below itself, and the value is left out."""
+    import textwrap
+
+    told = [(one["code"], _value(one), _first_sentence(one["explanation"])) for one in some]
+    if width is None:
+        return [console.table(told)]
+    edge = 4 + max(len(code) for code, _, _ in told)
+    lines = [(f"  {code}".ljust(edge), text) for code, _, text in told]
+    return [
+        textwrap.fill(text, max(width, 2 * edge), initial_indent=head, subsequent_indent=" " * edge)
+        for head, text in lines
+    ]
 
 
 def _at_length(one: dict[str, Any]) -> list[str]:

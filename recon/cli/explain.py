@@ -14,7 +14,8 @@ from recon.cli._options import AsJson, Blocked, FirstPartyOnly, registry_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from recon.explanation import Explanation, Link, Rows
+    from recon.explanation import Explanation, Link
+    from recon.log_rows import Rows
 
 _MOST_LEARNT: Final = 8
 

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson
-from recon.errors import ConfigError
-from recon.problems import Problem
+from recon.cli._options import AsJson, bad_option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,9 +28,7 @@ def fleet(
         case ["summary", root]:
             found = summarize(Place.of(root))
         case _:
-            raise ConfigError(
-                [Problem(None, "bad-option", "this asks for nothing", "write 'recon fleet summary ROOT'")]
-            )
+            raise bad_option("this asks for nothing", "write 'recon fleet summary ROOT'")
     if as_json:
         console.write_json(found)
     else:

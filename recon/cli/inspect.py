@@ -160,7 +160,7 @@ def _as_text(told: dict[str, Any]) -> str:
     lines = [f"{head}: result of pipeline '{told['pipeline']}'" if "pipeline" in told else head]
     for name, stream in told["streams"].items():
         lines += ["", f"{name}: {_stream_line(stream)}"]
-        lines += [f"  {key}: {value}" for key, value in stream["facts"].items()]
+        lines += [f"  {key}: {_fact(value)}" for key, value in stream["facts"].items()]
         filled = [column for column in stream["columns"] if not stream["rows"] or column["nulls"] < stream["rows"]]
         lines.append(console.table(column_rows(filled)))
         empty = [column["name"] for column in stream["columns"] if column not in filled]
@@ -169,6 +169,17 @@ def _as_text(told: dict[str, Any]) -> str:
     if told.get("learnt"):
         lines += ["", "what the reader learnt and assumed", console.table([_learnt(row) for row in told["learnt"]])]
     return "\n".join([*lines, *[""] * bool(told["warnings"]), *warning_lines(told["warnings"])])
+
+
+def _fact(value: Any) -> str:
+    """A fact of a stream in a line: numbers to 10 digits (latitudes to 1 mm), of a matrix its size; JSON has all."""
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_fact(one)}" for key, one in value.items())
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return f"{len(value)} x {len(value[0])} numbers, which --json shows"
+    return ", ".join(map(_fact, value)) if isinstance(value, list) else str(value)
 
 
 def _stream_line(stream: dict[str, Any]) -> str:

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, overrides_of, registry_of
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, bad_option, overrides_of, registry_of
 from recon.cli._signals import EXIT_TERMINATED, Terminated
-from recon.errors import EXIT_INTERRUPTED, ConfigError
-from recon.problems import Problem, Where
+from recon.errors import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -223,10 +222,10 @@ def _seconds(option: str, text: str, least: float) -> float:
     try:
         value = parse_quantity(text, "s")
     except UnitError as error:
-        raise ConfigError([Problem(Where(option), "bad-option", str(error), "write for example '10 s'")]) from error
+        raise bad_option(str(error), "write for example '10 s'", option) from error
     if value < least:
         wrong = f"{text} is negative" if value < 0.0 else f"{text} is less than {least:g} s"
-        raise ConfigError([Problem(Where(option), "bad-option", wrong, "write for example '10 s'")])
+        raise bad_option(wrong, "write for example '10 s'", option)
     return value
 
 

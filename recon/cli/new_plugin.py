@@ -15,8 +15,8 @@ import typer
 
 from recon import __version__
 from recon.cli import _console as console
-from recon.errors import ConfigError
-from recon.problems import Problem, did_you_mean, one_of
+from recon.cli._options import bad_option
+from recon.problems import did_you_mean, one_of
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
@@ -41,7 +41,7 @@ def new_plugin(
     _check_name(role, name)
     target = folder or Path(f"recon-{name}")
     if target.exists():
-        raise _refused(f"{target} is there already", "name another place with --dir")
+        raise bad_option(f"{target} is there already", "name another place with --dir")
     with staged_folder(target) as place:
         for path, text in _files(role, name).items():
             file = place / path
@@ -88,7 +88,7 @@ def _check_role(role: str) -> None:
     known = [known for known in ROLES if _template(f"{known}.py").is_file()]
     if role not in known:
         meant = "" if role in ROLES else did_you_mean(role, known)
-        raise _refused(f"there is no template of the role '{role}'", meant or f"there are {one_of(known)}")
+        raise bad_option(f"there is no template of the role '{role}'", meant or f"there are {one_of(known)}")
 
 
 def _check_name(role: str, name: str) -> None:
@@ -99,14 +99,10 @@ def _check_name(role: str, name: str) -> None:
 
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         wanted = "write a word of lower-case letters, digits and _, such as 'my_lowpass'"
-        raise _refused(f"'{name}' cannot be the name of a stage", wanted)
+        raise bad_option(f"'{name}' cannot be the name of a stage", wanted)
     registry = Registry.installed()
     if f"{role}.{name}" in registry:
         source = registry.source(f"{role}.{name}")
-        raise _refused(f"there is a stage '{role}.{name}' already, of {source}", "choose another name")
+        raise bad_option(f"there is a stage '{role}.{name}' already, of {source}", "choose another name")
     if find_spec(f"recon_{name}") is not None:
-        raise _refused(f"there is a module 'recon_{name}' already", "choose another name")
-
-
-def _refused(text: str, hint: str) -> ConfigError:
-    return ConfigError([Problem(None, "bad-option", text, hint)])
+        raise bad_option(f"there is a module 'recon_{name}' already", "choose another name")

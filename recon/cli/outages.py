@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Overwrite, Settings, overrides_of, registry_of
+from recon.cli._options import (
+    AsJson,
+    Blocked,
+    FirstPartyOnly,
+    Overwrite,
+    Settings,
+    bad_option,
+    overrides_of,
+    registry_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,15 +100,12 @@ def _doubts(data: Mapping[str, Any]) -> list[str]:
 
 def _lengths(text: str) -> list[float]:
     """Raises ConfigError."""
-    from recon.errors import ConfigError
-    from recon.problems import Problem
-
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:
         found = []
     if not found or not all(0.0 < length < math.inf for length in found):
-        raise ConfigError([Problem(None, "bad-option", f"--lengths '{text}' are no seconds", "write 10,30,60")])
+        raise bad_option(f"--lengths '{text}' are no seconds", "write 10,30,60")
     return list(dict.fromkeys(found))
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recon.cli import _console as console
-from recon.cli._options import AsJson, Blocked, FirstPartyOnly, registry_of
+from recon.cli._options import AsJson, Blocked, FirstPartyOnly, bad_option, registry_of
 from recon.cli._stage import as_text, described
-from recon.errors import ConfigError, PluginError
-from recon.problems import Problem, did_you_mean, one_of
+from recon.errors import PluginError
+from recon.problems import did_you_mean, one_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ def plugins(
             shown: Any = described(name, registry)
             told = as_text(shown)
         case ["show"]:
-            raise _unknown("'show' needs the name of a stage", "'recon plugins' lists them")
+            raise bad_option("'show' needs the name of a stage", "'recon plugins' lists them")
         case []:
             shown = _listed(registry, None)
             told = _list_text(shown)
@@ -44,7 +44,7 @@ def plugins(
             shown = _listed(registry, _known_role(role))
             told = _list_text(shown)
         case _:
-            raise _unknown("too many words", "write 'recon plugins ROLE' or 'recon plugins show NAME'")
+            raise bad_option("too many words", "write 'recon plugins ROLE' or 'recon plugins show NAME'")
     if as_json:
         console.write_json(shown)
     else:
@@ -57,12 +57,8 @@ def _known_role(role: str) -> str:
     singular = role.removesuffix("s")
     if singular not in ROLES:
         hint = f"write 'recon plugins show {role}'" if "." in role else did_you_mean(role, ROLES)
-        raise _unknown(f"there is no role '{role}'", hint or f"roles are {one_of(list(ROLES))}")
+        raise bad_option(f"there is no role '{role}'", hint or f"roles are {one_of(list(ROLES))}")
     return singular
-
-
-def _unknown(text: str, hint: str) -> ConfigError:
-    return ConfigError([Problem(None, "bad-option", text, hint)])
 
 
 def _listed(registry: Registry, only: str | None) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from os.path import realpath
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -19,30 +19,31 @@ from recon.cli._options import (
     Overwrite,
     Settings,
     Store,
+    bad_option,
     check_store,
     overrides_of,
     registry_of,
 )
 from recon.cli._progress import progress
 from recon.cli._results import accounted, as_data, as_text
-from recon.errors import ConfigError
-from recon.problems import Problem
 
 if TYPE_CHECKING:
     from recon.pipeline import Pipeline
+
+_Out: TypeAlias = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for the result; by default named after INPUT and PIPELINE.")
+]
+_Exports: TypeAlias = Annotated[
+    list[str] | None, typer.Option("--export", metavar="NAME", help="Export when the run is done.")
+]
 
 
 def run(
     pipeline: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of a shipped pipeline, or a YAML file.")],
     inputs: Inputs = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the result; by default named after INPUT and PIPELINE."),
-    ] = None,
+    out: _Out = None,
     settings: Settings = None,
-    exports: Annotated[
-        list[str] | None, typer.Option("--export", metavar="NAME", help="Export when the run is done.")
-    ] = None,
+    exports: _Exports = None,
     store: Store = None,
     overwrite: Overwrite = False,
     blocked: Blocked = None,
@@ -87,7 +88,7 @@ def _check_inputs(pipeline: Pipeline, inputs: Sequence[Path]) -> None:
 
     if not inputs and role_of(pipeline.steps[0].use) == "reader":
         text = f"pipeline '{pipeline.name}' reads a log, and none is given"
-        raise ConfigError([Problem(None, "bad-option", text, "name it behind the pipeline")])
+        raise bad_option(text, "name it behind the pipeline")
 
 
 def default_folder(pipeline: str, inputs: Sequence[Path]) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,9 +12,6 @@ from recon.cli._options import AsJson, Blocked, FirstPartyOnly, registry_of
 
 if TYPE_CHECKING:
     from recon.evidence import Verified
-
-
-_UNPROVEN: Final = "not made again: what they show is not checked, 'recon export' makes them anew from a run"
 
 
 def verify(
@@ -53,7 +50,7 @@ def as_text(found: Verified, *, noted: bool) -> str:
         ("log", ", ".join(found.inputs) or "none: simulated"),
         ("run again", found.agreement + (" within 1e-9" if found.agreement == "same numbers" else "")),
         ("computed by", found.arithmetic),
-        ("exports", f"{found.exports} files, {_UNPROVEN}" if found.exports else ""),
+        *((f"exports/{name}", told) for name, told in found.exports.items()),
         *(("note", note) for note in found.notes),
     ]
     told = console.table([row for row in rows if row[1]])

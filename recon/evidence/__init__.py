@@ -12,7 +12,7 @@ equal bytes and every byte of it can be told from its contents:
     manifest.json          what made the result: steps, parameters, versions, hashes; no path, host or time of day
     pipeline.yaml          the pipeline that was run
     results/...            the streams that came out
-    exports/...            files for people, where they were asked for: hashed, not made again
+    exports/...            files for people, where they were asked for; made again where their exporter repeats
     versions.json          code and packages that gave the same bytes again when the file was sealed
 
 A hash inside of a file cannot vouch for that file: who changes both leaves no trace but in what a replay finds, and a

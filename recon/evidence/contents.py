@@ -40,7 +40,7 @@ inputs/         the log, byte by byte as it was read
 pipeline.yaml   the steps that were run on it
 manifest.json   each step with all its parameters and versions, what it learnt, and hashes of inputs and results
 results/        the streams that came out, as Parquet or MCAP
-exports/        files for people, if there are any; they prove nothing, results/ does
+exports/        files for people, if there are any; export.json tells what made them of results/
 versions.json   Python, packages and hashes of the code that gave these bytes
 SHA256SUMS      SHA-256 of every file but this list
 
@@ -54,7 +54,8 @@ To run everything again and compare each number:
     recon verify FILE
 
 What this can show, and what it cannot. A changed byte is found, and so is a result that does not follow from the log.
-Files in exports/ are not made again: who packs an archive anew can put numbers there that are not those of results/.
+Files in exports/ are made again, too, where their exporter gives the same bytes twice. Of the others, which recon
+verify names, nothing is known: who packs an archive anew can put numbers there that are not those of results/.
 Who exchanges the log, runs everything again and seals that leaves a seal as good as this one: that this is the file
 of that day is shown by its SHA-256 alone, noted where others could see it at the time.
 """
@@ -77,10 +78,10 @@ def anonymous(manifest: Mapping[str, Any]) -> dict[str, Any]:
     return {**manifest, "environment": {key: environment[key] for key in _KEPT if key in environment}}
 
 
-def versions_of(sources: Iterable[Source]) -> dict[str, Any]:
+def versions_of(sources: Iterable[Source], also: Iterable[str] = ()) -> dict[str, Any]:
     """What gives the numbers here: Python, packages, and hashes of the code of recon and of the stages' packages.
 
-    sources : where the stages of a run come from
+    sources : where the stages of a run come from; also : further distributions that decide its bytes
     """
     code = {"recon": (FIRST_PARTY, recon.__version__)}
     for source in sources:
@@ -94,7 +95,7 @@ def versions_of(sources: Iterable[Source]) -> dict[str, Any]:
             {"package": package, "distribution": name, "version": version, "sha256": _code_digest(package)}
             for package, (name, version) in sorted(code.items())
         ],
-        "packages": dict(sorted(_needed([name for name, _ in code.values()]).items())),
+        "packages": dict(sorted(_needed([*(name for name, _ in code.values()), *also]).items())),
     }
 
 

@@ -11,6 +11,7 @@ from recon import api
 from recon import manifest as manifests
 from recon.errors import ConfigError, DataError, Difference
 from recon.evidence import archive, contents
+from recon.evidence import exports as exported
 from recon.evidence.archive import Entry
 from recon.evidence.replay import sources_of
 from recon.evidence.sameness import SAME_BYTES
@@ -18,7 +19,6 @@ from recon.evidence.verification import verify
 from recon.problems import Problem
 from recon.registry import Registry
 from recon.storage import staged_file
-from recon.storage.atomic import EXPORT_MANIFEST
 from recon.storage.json_text import to_json
 
 _AGAIN: Final = "run the pipeline again, then seal that result"
@@ -75,7 +75,7 @@ def _refuse_unrepeatable(partial: Path, target: Path, registry: Registry) -> Non
     except Difference as error:
         error.message = error.message.replace(partial.name, target.name)
         error.message = f"the run is not sealed, since it does not come out again: {error.message}"
-        error.hint = _AGAIN
+        error.hint = "run the pipeline again, and its exports, then seal that result"
         raise
     if found.agreement != SAME_BYTES:
         text = "the run is not sealed: run again, it gives the same numbers, but not the same bytes"
@@ -91,9 +91,10 @@ def _entries(finished: api.Run, inputs: Sequence[Path], registry: Registry, *, e
     yield Entry.of_text(contents.MANIFEST, to_json(contents.anonymous(manifest), indent=1) + "\n")
     yield Entry.of_text(contents.PIPELINE, manifest["pipeline"]["text"])
     yield from _results(manifest, folder)
-    if exports:
-        yield from _exports(folder)
-    versions = contents.versions_of(sources_of(manifest, registry))
+    extra = list(_exports(folder)) if exports else []
+    yield from extra
+    sources, packages = exported.sources_of(exported.told_by(extra), registry)
+    versions = contents.versions_of([*sources_of(manifest, registry), *sources], packages)
     yield Entry.of_text(contents.VERSIONS, to_json(versions, indent=1) + "\n")
 
 
@@ -133,5 +134,5 @@ def _results(manifest: Mapping[str, Any], folder: Path) -> Iterator[Entry]:
 def _exports(folder: Path) -> Iterator[Entry]:
     below = folder / contents.EXPORTS
     for path in sorted(below.rglob("*")):
-        if path.is_file() and path.name != EXPORT_MANIFEST:
+        if path.is_file():
             yield Entry.of_file(f"{contents.EXPORTS}/{path.relative_to(below).as_posix()}", path)

@@ -15,6 +15,7 @@ from typing import IO, Any, Final
 from recon import api
 from recon.errors import ConfigError, Difference, PluginError, ReadFailed, ReconError, StorageError
 from recon.evidence import archive, contents, replay
+from recon.evidence import exports as exported
 from recon.evidence.archive import Entry
 from recon.evidence.sameness import SAME_BYTES, SAME_NUMBERS
 from recon.problems import Problem
@@ -35,7 +36,7 @@ class Verified:
 
     agreement : SAME_BYTES or SAME_NUMBERS, that is within 1e-9
     arithmetic : what computed it again; notes : versions that are others here
-    exports : files for people, which are hashed alone
+    exports : of files for people, by their folder, SAME_BYTES where they were made again, else why that is not known
     """
 
     file: str
@@ -44,7 +45,7 @@ class Verified:
     inputs: tuple[str, ...]
     agreement: str
     arithmetic: str
-    exports: int
+    exports: Mapping[str, str]
     notes: tuple[str, ...]
 
     def as_data(self) -> dict[str, Any]:
@@ -68,7 +69,8 @@ def verify(file: str | Path, *, sha256: str | None = None, registry: Registry | 
         check_bytes(path, entries)
         sealed, inputs = _unpacked(path, entries, Path(scratch))
         before = _json_of(path, entries, contents.VERSIONS)
-        here = contents.versions_of(replay.sources_of(sealed.manifest, registry))
+        sources, packages = exported.sources_of(exported.told_by(entries), registry)
+        here = contents.versions_of([*replay.sources_of(sealed.manifest, registry), *sources], packages)
         if contents.same_recon(before, here):
             _refuse_other_page(entries)
         versions = contents.changed_versions(before, here)
@@ -80,7 +82,7 @@ def verify(file: str | Path, *, sha256: str | None = None, registry: Registry | 
             inputs=tuple(entry["name"] for entry in sealed.manifest["inputs"]),
             agreement=SAME_BYTES if same else SAME_NUMBERS,
             arithmetic=str(replay.arithmetic_of(again.manifest)),
-            exports=sum(entry.name.startswith(f"{contents.EXPORTS}/") for entry in entries),
+            exports=exported.made_again(sealed, entries, Path(scratch) / "exports", registry, notes),
             notes=notes,
         )
 

@@ -179,7 +179,8 @@ def _stamped(place: Place) -> Stamp:
     except OSError as error:
         raise ReadFailed(str(place), f"it cannot be read: {without_query(error)}") from error
     if found is None:
-        raise ReadFailed(str(place), "there is no such file or folder")
+        piped = place.is_local and Path(place.path).exists()
+        raise ReadFailed(str(place), "this is a device or a pipe" if piped else "there is no such file or folder")
     return found
 
 

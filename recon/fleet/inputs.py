@@ -154,7 +154,7 @@ def _named_shortly(drives: Iterable[Drive], where: Where) -> Iterator[Drive]:
 
 
 def _globbed(inputs: Inputs, batch: BatchFile, where: Where) -> Iterator[Drive]:
-    vehicle, drive = _rule(inputs.vehicle, "vehicle"), _rule(inputs.drive, "drive")
+    vehicle, drive = _rule(inputs.vehicle), _rule(inputs.drive)
     for place, stamped in glob(Place.of(inputs.glob, batch.folder)):
         path = PurePosixPath(place.path)
         named = (_named(vehicle, path, "vehicle"), _named(drive, path, "drive"))
@@ -164,7 +164,7 @@ def _globbed(inputs: Inputs, batch: BatchFile, where: Where) -> Iterator[Drive]:
         yield Drive(*named, place, stamped)
 
 
-def _rule(rule: str, key: str) -> int | str | re.Pattern[str]:
+def _rule(rule: str) -> int | str | re.Pattern[str]:
     """Number of folders up, "stem", or a pattern."""
     parent, _, count = rule.partition(" ")
     if parent == "parent" and count.isdecimal():

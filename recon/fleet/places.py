@@ -139,7 +139,8 @@ def without_query(told: object) -> str:
 def glob(pattern: Place) -> Iterator[tuple[Place, Stamp | None]]:
     """Files and folders that match a pattern with `*`, `?`, `[...]` and `**`, sorted; none that are hidden.
 
-    A link to what is not there has no stamp: it is a drive that cannot be read, not one that is passed over.
+    A link to what is not there, a pipe and a device have no stamp: they are drives that cannot be read, not ones that
+    are passed over.
     In a URI a `?` begins its query, so it is no wildcard there. Raises OSError.
     """
     *folders, last = pattern.path.split("/")
@@ -164,7 +165,9 @@ def _found(pattern: Place, paths: list[str]) -> Iterator[tuple[Place, Stamp | No
             yield pattern.at(info.path), (int(info.size), int(info.mtime_ns))
         elif info.type == fs.FileType.Directory and not pattern.path.endswith("/**"):
             yield pattern.at(info.path), stamp(pattern.at(info.path)) or (0, 0)
-        elif info.type == fs.FileType.NotFound and pattern.is_local and Path(info.path).is_symlink():
+        elif info.type == fs.FileType.Unknown or (
+            info.type == fs.FileType.NotFound and pattern.is_local and Path(info.path).is_symlink()
+        ):
             yield pattern.at(info.path), None
 
 

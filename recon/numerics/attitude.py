@@ -25,17 +25,16 @@ import numpy as np
 
 from recon.numerics.rotation import (
     Floats,
-    compose,
     conjugate,
     from_rotvec,
     multiply,
     normalize,
     rotate,
     shortest_arc,
-    sign_continuous,
     to_matrix,
     to_rotvec,
 )
+from recon.numerics.rotation_series import compose, sign_continuous
 from recon.numerics.smoothing.soa import cross, quat_exp, quat_multiply, running_product
 
 _UP = np.array([0.0, 0.0, 1.0])

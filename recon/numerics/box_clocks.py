@@ -16,8 +16,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.numerics.moving_window import moving_average
 from recon.numerics.rotation import Floats
-from recon.numerics.signals import interval_mean, median_rate, moving_average
+from recon.numerics.signals import interval_mean, median_rate
 
 _WIDTH_S: Final = 0.1
 """Of the mean that is taken twice; vibration of an engine or a road is faster."""

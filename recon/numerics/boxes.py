@@ -34,8 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.box_clocks import Inertial, Smooth, clock
-from recon.numerics.rotation import Floats, from_rotvec, multiply, normalize, to_matrix
-from recon.numerics.signals import median_rate, rolling_std
+from recon.numerics.moving_window import rolling_std
+from recon.numerics.rotation import Floats, cross_matrix, from_rotvec, multiply, normalize, to_matrix
+from recon.numerics.signals import median_rate
 
 _WINDOW_S: Final = 30.0
 """In which both sides count relative to their means: biases stay through it, turns and brakings do not."""
@@ -74,6 +75,8 @@ class Placement:
     q_12 : (4,) takes box 2 to box 1;  q_sigma : (3,) rad, about the axes of box 1
     lag : s, what the clock of box 2 shows more at middle_ns of box 1;  drift : s/s, what it gains
     lever : (3,) m, from box 1 to box 2, axes of box 1
+
+    Sigmas are NaN where less than a minute of driving together tells them.
     """
 
     q_12: Floats
@@ -196,7 +199,10 @@ def _davenport(sides: _Sides) -> Floats:
 
 
 def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust: bool) -> tuple[Floats, Floats]:
-    """A step of Gauss and Newton, and the covariance of the state: (20,), (20, 20)."""
+    """A step of Gauss and Newton, and the covariance of the state: (20,), (20, 20).
+
+    Of a single window the covariance is NaN: what a fit without it would find, nobody knows.
+    """
     windows = _starts(sides.t_s, _WINDOW_S)
     gradient = -_PRECISION * state
     told = np.zeros((len(windows), len(state), len(state)))
@@ -216,6 +222,8 @@ def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust:
         )
     gradient = gradient + parts.sum(axis=0)
     inverse = np.linalg.pinv(told.sum(axis=0) + np.diag(_PRECISION))
+    if len(windows) < 2:
+        return inverse @ gradient, np.full_like(inverse, np.nan)
     left = np.eye(len(state)) - told @ inverse
     alone = np.linalg.solve(left, parts[..., None])[..., 0]
     return inverse @ gradient, inverse @ (alone.T @ alone + np.diag(_PRECISION)) @ inverse
@@ -259,13 +267,13 @@ def _without(sides: _Sides, loose: Floats) -> _Sides:
 def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list[tuple[Floats, Floats]]:
     """What the first box measures beyond the second, rates then forces, and its slopes: (n, 3), (n, 3, 20)."""
     gyro_1, turn_1 = sides.one[:, :3] - bias, sides.one_rate[:, :3]
-    swing = _cross_matrix(turn_1) + _cross_matrix(gyro_1) @ _cross_matrix(gyro_1)
+    swing = cross_matrix(turn_1) + cross_matrix(gyro_1) @ cross_matrix(gyro_1)
     found = []
     scales = (_GYRO_SCALE_1, _GYRO_SCALE_2), (_FORCE_SCALE_1, _FORCE_SCALE_2)
     for group, (scale_1, scale_2) in zip((slice(0, 3), slice(3, 6)), scales, strict=True):
         turned, rate = sides.two[:, group] @ rot_12.T, sides.two_rate[:, group] @ rot_12.T
         slopes = np.zeros((len(turned), 3, len(state)))
-        slopes[:, :, _TURN] = -_cross_matrix(turned)
+        slopes[:, :, _TURN] = -cross_matrix(turned)
         slopes[:, :, _CLOCK] = np.stack((rate, rate * sides.t_s[:, None]), axis=-1)
         slopes[:, :, scale_1] = turned[:, :, None] * np.eye(3)
         slopes[:, :, scale_2] = -rot_12 * sides.two[:, None, group]
@@ -275,11 +283,3 @@ def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list
         modelled = turned + sum(slopes[:, :, part] @ state[part] for part in linear)
         found.append((sides.one[:, group] - modelled, slopes))
     return found
-
-
-def _cross_matrix(v: Floats) -> Floats:
-    """Matrices that multiply as the cross product with v: (n, 3, 3) of (n, 3)."""
-    matrix = np.zeros((len(v), 3, 3))
-    matrix[:, (2, 0, 1), (1, 2, 0)] = v
-    matrix[:, (1, 2, 0), (2, 0, 1)] = -v
-    return matrix

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from recon.numerics.rotation import Floats, from_rotvec, to_matrix
+from recon.numerics.rotation import Floats, cross_matrix, from_rotvec, to_matrix
 
 _ROUNDS: Final = 15
 _CAUCHY: Final = 2.385
@@ -126,8 +126,8 @@ def _linearised(a: Floats, b: Floats, rot_ab: Floats, direction_a: Floats) -> tu
     Without them the result leans to where denominators are large, by more than its sigma once the noise is a third of
     a pixel and the camera moves ahead.
     """
-    essential = _skew(direction_a) @ rot_ab
-    changes = np.concatenate([essential @ _skew(np.eye(3)), _skew(across(direction_a).T) @ rot_ab])
+    essential = cross_matrix(direction_a) @ rot_ab
+    changes = np.concatenate([essential @ cross_matrix(np.eye(3)), cross_matrix(across(direction_a).T) @ rot_ab])
     error, size, line_a, line_b = _lines(a, b, essential)
     by_a, by_b = b @ changes.swapaxes(1, 2), a @ changes  # (5, n, 3)
     longer = (line_a[:, :2] * by_a[..., :2]).sum(axis=2) + (line_b[:, :2] * by_b[..., :2]).sum(axis=2)
@@ -143,7 +143,7 @@ def _moved(rot_ab: Floats, direction_a: Floats, step: Floats) -> tuple[Floats, F
 
 def sampson(a: Floats, b: Floats, rot_ab: Floats, direction_a: Floats) -> Floats:
     """Distances of pairs of rays from those that fit a motion, with their signs: (n,), arguments as in `two_views`."""
-    error, size, _, _ = _lines(a, b, _skew(direction_a) @ rot_ab)
+    error, size, _, _ = _lines(a, b, cross_matrix(direction_a) @ rot_ab)
     return error / size
 
 
@@ -152,8 +152,3 @@ def _lines(a: Floats, b: Floats, essential: Floats) -> tuple[Floats, Floats, Flo
     line_a, line_b = b @ essential.T, a @ essential
     size = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1))
     return (a * line_a).sum(axis=1), np.maximum(size, np.finfo(float).tiny), line_a, line_b
-
-
-def _skew(vector: Floats) -> Floats:
-    """Matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
-    return np.asarray(np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2))

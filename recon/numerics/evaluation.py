@@ -6,6 +6,7 @@ With poses T = (attitude, position) of the motion and S of the reference at the 
 so the relative error does not see an error that was there before the segment. Nothing is aligned unless asked for.
 
 References
+    Markley, Cheng, Crassidis, Oshman (2007), "Averaging quaternions", Journal of Guidance 30(4), 1193-1197.
     Sturm et al. (2012), "A benchmark for the evaluation of RGB-D SLAM systems", IROS, eq. 1 to 4.
     Geiger, Lenz, Urtasun (2012), "Are we ready for autonomous driving? The KITTI vision benchmark suite", CVPR:
     errors over segments of the path.
@@ -24,17 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.geodesy import Anchor
-from recon.numerics.rotation import (
-    Floats,
-    angle,
-    conjugate,
-    from_euler,
-    from_matrix,
-    multiply,
-    rotate,
-    slerp,
-    to_euler,
-)
+from recon.numerics.rotation import Floats, angle, conjugate, from_euler, from_matrix, multiply, rotate, to_euler
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate, wrap_angle
 
 Alignment: TypeAlias = Literal["none", "yaw", "se3", "start"]
@@ -113,6 +105,23 @@ def associate(run: Motion, reference: Motion) -> tuple[Motion, Motion]:
     pair = run.at(t_ns), reference.at(t_ns)
     matched = np.asarray(np.isfinite(pair[0].pos_n[:, :2] + pair[1].pos_n[:, :2]).all(axis=1))
     return pair[0].rows(matched), pair[1].rows(matched)
+
+
+def mounting_between(run: Motion, reference: Motion) -> tuple[Floats, Floats]:
+    """The constant turn between two bodies on one vehicle, and how far each attitude is from it.
+
+    The mean rotation from the axes of the run's body to those of the reference's, which maximises the sum of squared
+    cosines of half the angles to all of them (Markley et al. 2007, eq. 12).
+
+    run, reference : at the same times
+    returns : (4,), NaN where no attitude is known in both; (n,) rad, NaN where one is not known
+    """
+    between = multiply(conjugate(reference.q_nv), run.q_nv)
+    known = between[np.isfinite(between).all(axis=1)]
+    if not len(known):
+        return np.full(4, np.nan), np.full(len(between), np.nan)
+    turn = np.asarray(np.linalg.eigh(known.T @ known)[1][:, -1])
+    return turn, angle(between, np.broadcast_to(turn, between.shape))
 
 
 def turn_between(from_anchor: Anchor, to_anchor: Anchor) -> Floats:

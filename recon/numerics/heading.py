@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.numerics.moving_window import moving_average
 from recon.numerics.rotation import Floats, rotate
-from recon.numerics.signals import moving_average
 
 Complexes = NDArray[np.complex128]
 

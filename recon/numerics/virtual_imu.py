@@ -19,8 +19,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.numerics.moving_window import rolling_std
 from recon.numerics.rotation import Floats
-from recon.numerics.signals import median_rate, rolling_std, runs
+from recon.numerics.signals import median_rate, runs
 
 _BLOCK_NS: Final = 1_000_000_000
 _SHORTEST: Final = 2

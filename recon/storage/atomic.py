@@ -18,6 +18,7 @@ import os
 import re
 import secrets
 import shutil
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -35,6 +36,8 @@ MARK: Final = "recon_manifest"
 _LEFT_OVER: Final = re.compile(r"\..*\.(partial|replaced)-[0-9a-f]{8}")
 """Temporary names that a killed process leaves behind."""
 
+_NO_SYNC_OF_FOLDERS: Final = (errno.EINVAL, errno.EBADF, errno.EACCES, errno.ENOSYS, errno.EOPNOTSUPP)
+"""What file systems say that cannot do it, as those of networks."""
 _FULL: Final = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _FORBIDDEN: Final = (errno.EACCES, errno.EPERM, errno.EROFS)
 
@@ -73,11 +76,6 @@ def _is_there(final: Path) -> bool:
         text = f"there cannot be a folder {shortened(str(final), 120)}: {reason}"
         raise ConfigError([Problem(None, "output-impossible", text, "choose another place")]) from error
     return True
-
-
-def is_result(folder: Path) -> bool:
-    """Is it the folder of a finished run?"""
-    return bool(_listed(folder / MANIFEST))
 
 
 def foreign_file(folder: Path) -> Path | None:
@@ -188,16 +186,32 @@ def _beside(place: Path, what: str) -> Path:
 
 
 def _sync_all(folder: Path) -> None:
-    """Every file below a folder, at once: a disk writes many together in the time of one."""
+    """A folder and all below it, at once: a disk writes many together in the time of one."""
     with ThreadPoolExecutor() as pool:
-        list(pool.map(_sync, folder.rglob("*")))
+        list(pool.map(_sync, [folder, *folder.rglob("*")]))
 
 
 def _sync(path: Path) -> None:
-    """Have the disk hold a file's bytes before a rename makes them count; a full disk may show only here."""
-    if path.is_file() and not path.is_symlink():
-        with path.open("rb+") as file:
-            os.fsync(file.fileno())
+    """Have the disk hold a file's bytes, or a folder's names, before a rename makes them count.
+
+    A full disk may show only here. Whoever may read a file may have it written out, but on Windows, which asks for the
+    right to write: a file that an exporter made read-only is left to the system there, and so is every folder.
+    """
+    if path.is_symlink() or not (path.is_file() or path.is_dir()):
+        return
+    try:
+        opened = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
+    except PermissionError:
+        if sys.platform == "win32":
+            return
+        raise
+    try:
+        os.fsync(opened)
+    except OSError as error:
+        if path.is_file() or error.errno not in _NO_SYNC_OF_FOLDERS:
+            raise
+    finally:
+        os.close(opened)
 
 
 def _swap(partial: Path, place: Path) -> None:

@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from recon.declaration import Stage
 from recon.errors import ReconError
 from recon.problems import did_you_mean
 from recon.pytest_plugin import MARK
 from recon.registry import Registry
-from recon.stages import Stage
 from recon.testing.subject import Case, Subject
 
 Test = TypeVar("Test", bound=Callable[..., Any])

@@ -1,4 +1,4 @@
-"""Drives with truth, as the laws need them: every canonical stream, in the frame that a stage asks for.
+"""Drives with truth, as the laws need them: every canonical stream, the box as it is mounted.
 
 The sensors are those of a modest box. `trajectory` is the truth with an error that grows as that of a box alone does;
 `reference` is the truth. Everything follows from a seed.
@@ -6,7 +6,6 @@ The sensors are those of a modest box. `trajectory` is the truth with an error t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -31,7 +30,6 @@ from recon.numerics.signals import runs
 from recon.recording import Recording
 from recon.rows import Event, Metric, events, metrics
 from recon.schema import (
-    ANY,
     APPENDED,
     ATTITUDE,
     BARO,
@@ -41,17 +39,12 @@ from recon.schema import (
     IMU,
     MAG,
     RESIDUALS,
-    STREAMS,
     TRAJECTORY,
     VISUAL,
     WHEEL,
-    Change,
-    Need,
     by_step,
-    group_of,
-    spread,
 )
-from recon.tables import build, conform, matrix, replace, time_ns, with_meta
+from recon.tables import build, with_meta
 from recon.testing.motions import ROAD, RollingCircle
 
 START_NS: Final = 1_700_000_000_000_000_000
@@ -130,43 +123,6 @@ def drive(conditions: Conditions = USUAL) -> Recording:
     }
     kept = {name: _with_step(name, table) if name in APPENDED else table for name, table in streams.items()}
     return Recording(kept, {"sources": ["simulated"]})
-
-
-def serve(recording: Recording, reads: Mapping[str, Need]) -> dict[str, pa.Table]:
-    """The streams that are read, turned into the frames and quantities that are asked for, by port."""
-    return {port: _as_needed(recording, port, need) for port, need in reads.items() if port in recording}
-
-
-def _as_needed(recording: Recording, stream: str, need: Need) -> pa.Table:
-    table = recording[stream]
-    frames = {group_of(c.name): c.frame for c in need.columns if c.frame not in (ANY, "")}
-    quantities = {group_of(c.name): c.quantity for c in need.columns if c.quantity != ANY}
-    if stream in ("imu", "mag"):
-        table = _turned(table, recording, frames, quantities)
-    planned = Change(frames, quantities).apply(STREAMS[stream]) if stream in STREAMS else None
-    return table if planned is None or stream in APPENDED else conform(table, planned, stream=stream, step="drive")
-
-
-def _turned(
-    table: pa.Table, recording: Recording, frames: Mapping[str, str], quantities: Mapping[str, str]
-) -> pa.Table:
-    """Vectors in the frames asked for, and without gravity where acceleration is asked for, by the truth."""
-    rows = np.searchsorted(time_ns(recording["attitude"]), time_ns(table))
-    q_nv = matrix(recording["attitude"], "q")[rows]
-    from_vehicle = {
-        "sensor": conjugate(MOUNTING),
-        "level": from_euler(-MOUNT_YAW, 0.0, 0.0),
-        "vehicle": from_euler(0.0, 0.0, 0.0),
-        "local": q_nv,
-    }
-    for group in ("accel", "gyro", "mag"):
-        if not spread(group, table.column_names):
-            continue
-        values_v = rotate(MOUNTING, matrix(table, group))
-        if group == "accel" and quantities.get("accel") == "acceleration":
-            values_v = values_v - rotate(conjugate(q_nv), np.array([0.0, 0.0, GRAVITY]))
-        table = replace(table, **{group: rotate(from_vehicle[frames.get(group, "sensor")], values_v)})
-    return table
 
 
 def _inertial(conditions: Conditions, rng: np.random.Generator) -> dict[str, pa.Table]:

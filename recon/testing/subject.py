@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from recon.calling import call_exporter
 from recon.check import Bound, flow
+from recon.declaration import Stage
 from recon.manifest import RunInfo, make
 from recon.parameters import Params
 from recon.pipeline import Pipeline, Step
@@ -21,8 +22,9 @@ from recon.recording import Recording
 from recon.registry import Registry
 from recon.runner import Outcome, run_pipeline
 from recon.schema import APPENDED
-from recon.stages import Exporter, Reader, Simulator, Stage
-from recon.testing.drives import USUAL, Conditions, drive, serve
+from recon.stages import Exporter, Reader, Simulator
+from recon.testing.drives import USUAL, Conditions, drive
+from recon.testing.serving import serve
 from recon.yaml_nodes import Node
 
 ReadBack: TypeAlias = Callable[[Sequence[Path]], Mapping[str, Mapping[str, Any]]]

@@ -52,6 +52,10 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+def text_lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines()
+
+
 def imports(path: Path) -> Iterator[tuple[int, str]]:
     """Line and full name of all that a file imports, wherever in it; `from a import b` counts as a and as a.b."""
     package = module_of(path) if path.name == "__init__.py" else module_of(path).rpartition(".")[0]
@@ -238,10 +242,22 @@ def test_no_work_is_left_lying_about():
     left = [
         found(path, number, line.strip())
         for path in SOURCES
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        for number, line in enumerate(text_lines(path), start=1)
         if marks.search(line)
     ]
     assert left == []
+
+
+def test_files_and_functions_can_be_read_without_scrolling_far():
+    """The aim is 300 lines for a file, 40 for a function, 60 in numerics; beyond these limits something has to part."""
+    long = [found(path, 1, f"{lines} lines") for path in SOURCES if (lines := len(text_lines(path))) > 340]
+    long += [
+        found(path, node.lineno, f"{node.name} has {lines} lines")
+        for path in SOURCES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.FunctionDef) and (lines := (node.end_lineno or 0) - node.lineno + 1) > 60
+    ]
+    assert long == []
 
 
 # --- packaging ------------------------------------------------------------------------------------------------------

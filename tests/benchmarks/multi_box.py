@@ -31,17 +31,8 @@ from box_drives import Boxes, boxes
 from recon import matrix, seconds, select_rows, time_ns
 from recon.numerics.box_clocks import Inertial
 from recon.numerics.boxes import quiet_rate
-from recon.numerics.rotation import (
-    Floats,
-    angle,
-    compose,
-    conjugate,
-    from_euler,
-    from_rotvec,
-    multiply,
-    slerp,
-    to_rotvec,
-)
+from recon.numerics.rotation import Floats, angle, conjugate, from_euler, from_rotvec, multiply, to_rotvec
+from recon.numerics.rotation_series import compose, slerp
 from recon.schema import FURTHER_GNSS
 from recon_aligners.boxes import BoxesParams, align_boxes
 from recon_fusers.map import declare_fusers

@@ -3,7 +3,7 @@
     python tests/benchmarks/parallel_scan.py [--longest 7] [--workers 4]
 
     sum        cumulative trapezoids of accelerations (n, 3), as integrator.motion takes them
-    product    running product of quaternions (n, 4), recon.numerics.rotation.compose
+    product    running product of quaternions (n, 4), recon.numerics.rotation_series.compose
     strapdown  quaternions from turn rates, forces turned to the local frame and summed twice
 
 Each is done whole on one core, and as a scan over chunks: every worker scans a chunk, the last values are scanned, and
@@ -25,7 +25,8 @@ from itertools import pairwise
 import numpy as np
 
 from recon.numerics.integration import cumulative
-from recon.numerics.rotation import compose, from_rotvec, multiply, rotate
+from recon.numerics.rotation import from_rotvec, multiply, rotate
+from recon.numerics.rotation_series import compose
 
 STEP_S = 0.01
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])

@@ -35,7 +35,8 @@ from recon import api
 from recon.errors import ConfigError
 from recon.numerics.consistency import consistency
 from recon.numerics.geodesy import Anchor
-from recon.numerics.rotation import Floats, conjugate, multiply, slerp, to_euler
+from recon.numerics.rotation import Floats, conjugate, multiply, to_euler
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.parameters import NoParams
 from recon.pipeline import Pipeline

@@ -22,7 +22,8 @@ import numpy as np
 
 import recon
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
-from recon.numerics.rotation import conjugate, from_euler, multiply, slerp, to_rotvec
+from recon.numerics.rotation import conjugate, from_euler, multiply, to_rotvec
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate
 from recon.tables import matrix, meta, time_ns, vector
 

@@ -25,7 +25,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 import recon
-from recon.numerics.rotation import compose, from_rotvec
+from recon.numerics.rotation import from_rotvec
+from recon.numerics.rotation_series import compose
 from recon.tables import matrix, seconds, time_ns, vector
 
 ROWS = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000)

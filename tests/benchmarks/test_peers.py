@@ -15,7 +15,8 @@ from benchmarks.peers.steps import steps_between, with_none_longer
 
 from recon.numerics.integration import cumulative
 from recon.numerics.motion import specific_force, stop_and_go
-from recon.numerics.rotation import Floats, conjugate, from_euler, from_rotvec, multiply, rotate, slerp
+from recon.numerics.rotation import Floats, conjugate, from_euler, from_rotvec, multiply, rotate
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate
 from recon_simulators.drive_params import DriveParams
 

@@ -328,6 +328,15 @@ def test_a_link_to_what_is_not_there_is_a_drive_that_cannot_be_read(small: Path,
     assert failure["reason"].endswith("gone.txt: there is no such file or folder")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
+def test_a_pipe_that_a_glob_matches_is_a_drive_that_cannot_be_read(small: Path, capsys) -> None:
+    os.mkfifo(small.parent / "logs" / "B7" / "pipe.txt")
+    assert main(["batch", str(small), "--json", "--executor", "serial"]) == 6
+    (failure,) = json.loads(capsys.readouterr().out)["failures"]
+    assert (failure["job"], failure["code"]) == ("vehicle=B7/drive=pipe", "unreadable")
+    assert failure["reason"].endswith("pipe.txt: this is a device or a pipe")
+
+
 def test_a_link_to_a_folder_is_followed_but_not_without_end(small: Path, capsys) -> None:
     """Two links to the folder that they lie in are 2^40 ways, which a walk would follow until the memory is full."""
     logs = small.parent / "logs"

@@ -482,6 +482,22 @@ def test_a_batch_file_is_checked_with_its_pipeline(cli: Cli, tmp_path: Path) -> 
     assert ended.out == "june.yaml:5:26: error: filter.wait has no parameter 'tme'; did you mean 'time'?\n"
 
 
+def test_the_list_of_verbs_is_wrapped_in_a_narrow_terminal_and_not_cut() -> None:
+    from recon.cli._app import _command
+
+    told = _command().make_context("recon", [], terminal_width=80, max_content_width=80).get_help()
+    assert "..." not in told.partition("Commands:")[2]
+    assert "units, axes, clocks, samples, receiver." in " ".join(told.split())
+
+
+def test_findings_of_the_doctor_go_on_below_themselves_in_a_terminal() -> None:
+    from recon.cli.doctor import _in_short
+
+    some = [{"code": "gaps", "value": 0.0, "explanation": "No hole in 300 s of the IMU. More."}]
+    assert _in_short(some, None) == ["  gaps  0  No hole in 300 s of the IMU."]
+    assert _in_short(some, 24) == ["  gaps  No hole in 300 s\n        of the IMU."]
+
+
 # --- inspect --------------------------------------------------------------------------------------------------------
 
 
@@ -503,6 +519,14 @@ def test_a_result_is_shown_with_its_pipeline_and_warnings(cli: Cli) -> None:
     told = json.loads(cli("inspect", "drive-box", "--json").out)
     assert told["pipeline"] == "box"
     assert told["streams"]["imu"]["rows"] == 100
+
+
+def test_facts_of_a_stream_are_told_in_a_line() -> None:
+    from recon.cli.inspect import _fact
+
+    assert _fact({"height": 105.55977050680667, "lat": 44.5}) == "height 105.5597705, lat 44.5"
+    assert _fact([[0.1] * 6] * 6) == "6 x 6 numbers, which --json shows"
+    assert _fact("UTC") == "UTC"
 
 
 def test_gaps_are_counted_and_the_longest_is_told(cli: Cli, tmp_path: Path) -> None:
@@ -581,8 +605,8 @@ def test_one_stage_is_shown_in_full(cli: Cli) -> None:
 
 def test_what_a_record_declares_of_itself_is_shown(cli: Cli) -> None:
     assert "\ncapabilities: sniff\n" in cli("plugins", "show", "reader.still").out
-    assert "capabilities" not in cli("plugins", "show", "exporter.count").out
-    assert "\ncapabilities: every_stream\n" in cli("plugins", "show", "exporter.csv").out
+    assert "capabilities" not in cli("plugins", "show", "detector.shock").out
+    assert "\ncapabilities: every_stream, repeats\n" in cli("plugins", "show", "exporter.csv").out
     assert "\nreads\n  every stream\n" in cli("plugins", "show", "exporter.csv").out
 
 

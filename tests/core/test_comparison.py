@@ -13,6 +13,7 @@ from recon import Recording, matrix, replace
 from recon.cli import main
 from recon.comparison import compare, names_of, overlay
 from recon.errors import DataError
+from recon.numerics.rotation import from_euler, from_rotvec, multiply
 from recon.rows import Metric, metrics
 from recon.storage import write_recording
 from recon.tables import meta
@@ -53,6 +54,27 @@ def test_trajectories_are_held_against_the_first(tmp_path):
     horizontal = distance.found.position["horizontal"]
     assert horizontal is not None
     assert horizontal.rmse == pytest.approx(3.0, abs=1e-9)  # positions of some 100 m in doubles
+
+
+def test_another_mounting_is_told_apart_from_errors_of_attitude(tmp_path, capsys):
+    def turned(name, q):
+        recording = Recording({"trajectory": replace(TRUTH, q=q)})
+        write_recording(recording, tmp_path / f"{name}-log")
+        return recon.run(recon.Pipeline.of("own", "reader.auto"), tmp_path / f"{name}-log", tmp_path / name)
+
+    q_nv = matrix(TRUTH, "q")
+    wrong = np.random.default_rng(1).normal(0.0, np.radians(0.5), (len(q_nv), 3))
+    phone = multiply(multiply(q_nv, from_euler(0.7, 0.0, 0.0)), from_rotvec(wrong))
+    runs = [turned("a", q_nv), turned("phone", phone), turned("lost", multiply(q_nv, from_rotvec(60.0 * wrong)))]
+    mounted, lost = (distance.found for distance in compare(runs).distances)
+    assert mounted.mounting.yaw == pytest.approx(np.degrees(0.7), abs=0.1)  # 1500 errors of 0.5 deg: five sigmas
+    assert mounted.mounting.left.rmse == pytest.approx(0.5 * np.sqrt(3.0), rel=0.1)
+    assert mounted.attitude["heading"].rmse == pytest.approx(np.degrees(0.7), rel=0.05)
+    assert lost.mounting.note == ""
+    assert main(["compare", *(str(run.folder) for run in runs)]) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "stands turned" in line]
+    assert len(told) == 1
+    assert told[0].startswith("  phone: its body stands turned by 40.1 deg all the time (yaw 40.1, pitch")
 
 
 def test_errors_of_all_runs_against_one_reference_stand_side_by_side(tmp_path, capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +14,8 @@ import recon
 from recon import TRAJECTORY, Event, Recording, build, events, matrix, replace, select_rows, time_ns, with_meta
 from recon.cli import main
 from recon.errors import DataError
-from recon.evaluation import ALIGNMENTS, consistency_of, evaluate, match
+from recon.evaluation import consistency_of, evaluate, match
+from recon.numerics.evaluation import Alignment
 from recon.numerics.geodesy import SPHERE, Anchor, enu_to_geodetic, geodetic_to_enu
 from recon.numerics.rotation import from_euler, multiply, rotate
 from recon.storage import write_recording
@@ -96,7 +98,7 @@ def test_outages_are_looked_at_one_by_one():
     assert inside.heading.rmse == pytest.approx(np.degrees(0.01), abs=ROUNDING)
 
 
-@pytest.mark.parametrize("align", [how for how in ALIGNMENTS if how != "none"])
+@pytest.mark.parametrize("align", [how for how in get_args(Alignment) if how != "none"])
 def test_an_alignment_that_is_asked_for_takes_a_turn_away_and_is_told(align):
     turn = from_euler(0.5, 0.0, 0.0)
     moved = replace(TRUTH, pos=rotate(turn, POS) + 7.0, vel=rotate(turn, VEL), q=multiply(turn, Q))

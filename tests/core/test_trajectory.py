@@ -15,9 +15,9 @@ from recon.knots import POSITION, SIZE, VELOCITY, Knots
 from recon.movement import Movement, Movements
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodesic, geodetic_to_enu
 from recon.numerics.rotation import Floats, from_euler, to_euler
-from recon.schema import FRAMES, GNSS, KNOTS, TRAJECTORY
-from recon.tables import build, matrix, replace, with_meta
-from recon.trajectory import HINT, Pose, Trajectory, summarize
+from recon.schema import FRAMES, KNOTS, TRAJECTORY
+from recon.tables import build, replace, with_meta
+from recon.trajectory import HINT, Pose, Trajectory
 
 EPS = np.finfo(float).eps
 START = "2024-05-01T08:00:00Z"
@@ -321,21 +321,3 @@ def test_frames_and_durations_name_times() -> None:
     for wrong in ("#", "#-1", "#x", "12 m", "s"):
         with pytest.raises(DataError, match="is no time"):
             found.at(wrong)
-
-
-def test_a_summary_comes_from_the_trajectory_else_from_gnss() -> None:
-    found = summarize(line(), None)
-    assert found == pytest.approx({"distance": 50.0, "duration": 10.0, "top_speed": 5.0}, rel=10.0 * EPS)
-    gnss = build(GNSS, time=START_NS + np.arange(3), speed=np.array([1.0, np.nan, 7.0]))
-    apart = build(GNSS, time=START_NS + np.arange(3) * 4_000_000_000, speed=np.array([1.0, 2.0, 7.0]))
-    assert summarize(None, gnss)["top_speed"] == 7.0
-    assert summarize(None, apart) == pytest.approx({"duration": 8.0, "top_speed": 7.0, "distance": 6.0 + 18.0})
-    outage = build(GNSS, time=START_NS + np.array([0, 1, 60]) * 1_000_000_000, speed=np.ones(3))
-    assert "distance" not in summarize(None, outage)
-    assert summarize(line().slice(0, 0), None) == summarize(None, None) == {}
-    gap = line()
-    pos = matrix(gap, "pos")
-    pos[3:6] = np.nan
-    assert summarize(replace(gap, pos=pos), None) == pytest.approx(found, rel=10.0 * EPS)
-    silent = build(GNSS, time=START_NS + np.arange(3), speed=np.full(3, np.nan))
-    assert summarize(replace(gap, pos=np.full_like(pos, np.nan)), silent) == {"duration": pytest.approx(2e-9)}

@@ -305,6 +305,12 @@ def novatel_binary(number: int, tow_s: float, payload: bytes) -> bytes:
     return head + payload + struct.pack("<I", _crc(head + payload))
 
 
+def novatel_short(number: int, tow_s: float, payload: bytes) -> bytes:
+    """A log with the short binary header."""
+    head = b"\xaa\x44\x13" + struct.pack("<BHHI", len(payload), number, WEEK, int(tow_s * 1000))
+    return head + payload + struct.pack("<I", _crc(head + payload))
+
+
 def _novatel_rows(rows: int) -> list[tuple[float, list[float]]]:
     """Time of week and lat, lon, height, speed, course deg."""
     table = gnss(rows)
@@ -342,7 +348,7 @@ def novatel_packets(rows: int = GNSS_ROWS) -> bytes:
         for at in range(20 * row, 20 * row + 20, 2):
             turned = [gyro[at, 1] * -1, gyro[at, 0], gyro[at, 2], -accel[at, 1], accel[at, 0], accel[at, 2]]
             step = 0.02 * np.array(turned)
-            parts.append(novatel_binary(812, t_s[at] + 0.01, struct.pack("<Id6d", WEEK, t_s[at], *step)))
+            parts.append(novatel_binary(812, t_s[at] + 0.01, struct.pack("<Id6d", WEEK, t_s[at] + 0.01, *step)))
     return b"".join(parts)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from recon.numerics.attitude import blocks_of, first_level, mahony
-from recon.numerics.rotation import angle, compose, conjugate, from_euler, from_rotvec, multiply, rotate
+from recon.numerics.rotation import angle, conjugate, from_euler, from_rotvec, multiply, rotate
+from recon.numerics.rotation_series import compose
 
 RATE_HZ = 100.0
 G = 9.81

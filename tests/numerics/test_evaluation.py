@@ -8,6 +8,7 @@ from recon.numerics.evaluation import (
     aligned,
     associate,
     errors,
+    mounting_between,
     path,
     relative_errors,
     segments,
@@ -272,3 +273,27 @@ def test_statistics_are_of_sizes_without_what_is_not_known():
     assert found.p95 == pytest.approx(3.95, rel=4 * EPS)
     assert statistics(np.array([UNKNOWN])) is None
     assert statistics(np.empty(0)) is None
+
+
+# --- another mounting -----------------------------------------------------------------------------------------------
+
+
+def test_a_constant_turn_of_the_body_is_found_below_errors_of_attitude() -> None:
+    truth, turn = winding(), from_euler(2.0, -0.3, 0.5)
+    wrong = np.random.default_rng(3).normal(0.0, 0.01, (ROWS, 3))
+    q_nv = multiply(multiply(truth.q_nv, turn), from_rotvec(wrong))
+    q_nv[5:9] = UNKNOWN
+    q_nv[20:30] *= -1.0  # the same attitudes
+    found, left = mounting_between(motion(0.1 * np.arange(ROWS), truth.pos_n, q_nv), truth)
+    # the mean of 396 errors of 0.01 rad on each axis: 0.0005 rad on each, of which five sigmas
+    assert angle(found, turn) < 0.0025 * np.sqrt(3.0)
+    assert np.isnan(left).tolist() == [5 <= row < 9 for row in range(ROWS)]
+    np.testing.assert_allclose(np.delete(left, range(5, 9)), np.linalg.norm(np.delete(wrong, range(5, 9), 0), axis=1),
+                               atol=0.0025 * np.sqrt(3.0))  # fmt: skip
+
+
+def test_without_attitudes_there_is_no_turn() -> None:
+    truth = winding()
+    found, left = mounting_between(motion(0.1 * np.arange(ROWS), truth.pos_n, np.full((ROWS, 4), UNKNOWN)), truth)
+    assert np.isnan(found).all()
+    assert np.isnan(left).all()

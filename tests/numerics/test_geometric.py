@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from recon.numerics.geometric import magnus_turns, verlet_position, verlet_velocity
-from recon.numerics.rotation import angle, compose, from_rotvec
+from recon.numerics.rotation import angle, from_rotvec
+from recon.numerics.rotation_series import compose
 from recon.testing.motions import RollingCircle
 
 

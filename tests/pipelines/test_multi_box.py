@@ -8,7 +8,8 @@ from box_drives import boxes
 
 import recon
 from recon import matrix, replace, time_ns
-from recon.numerics.rotation import angle, from_euler, rotate, slerp
+from recon.numerics.rotation import angle, from_euler, rotate
+from recon.numerics.rotation_series import slerp
 from recon.recording import Recording
 from recon.rows import warnings_of
 from recon.storage import write_recording

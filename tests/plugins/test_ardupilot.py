@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import warnings
 from pathlib import Path
 
 import autopilot_logs as made
@@ -96,6 +98,17 @@ def test_behind_damaged_places_every_whole_message_is_used(tmp_path: Path, data:
     assert lost <= 9  # 80 bytes reach into three messages at most
     assert time_ns(streams["imu"])[-1] == time_ns(whole)[-1]
     assert told(streams, "damaged_places")[0] >= 1.0
+
+
+def test_a_number_that_is_none_and_signals_it_warns_nobody(tmp_path: Path) -> None:
+    """0x7f800001 is a float that makes a processor tell of an invalid operation where it is converted."""
+    data = made.dataflash()
+    rate = struct.pack("<f", GYRO_FRD[0])
+    at = data.index(rate)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        imu = read(tmp_path / "log", data[:at] + bytes.fromhex("0100807f") + data[at + 4 :])["imu"]
+    assert int(np.isnan(vector(imu, "gyro_x", gaps=True)).sum()) == 1
 
 
 @pytest.mark.parametrize("data", [made.dataflash(4.0), made.tlog(4.0)], ids=["bin", "tlog"])

@@ -15,7 +15,8 @@ import pytest
 import recon
 from recon import IMU, build
 from recon.errors import DataError
-from recon.numerics.rotation import Floats, conjugate, from_euler, multiply, rotate, slerp, to_euler, to_rotvec
+from recon.numerics.rotation import Floats, conjugate, from_euler, multiply, rotate, to_euler, to_rotvec
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import wrap_angle
 from recon.rows import warnings_of
 from recon.tables import Streams, matrix, meta, replace, schema_of, select_rows, time_ns, vector, with_meta

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from box_drives import boxes
 
-from recon import IMU, build, matrix, time_ns
+from recon import IMU, build, matrix, replace, time_ns
 from recon.errors import NotEnoughData
-from recon.numerics.rotation import angle, from_euler, to_euler
+from recon.numerics.rotation import angle, from_euler, rotate, to_euler
 from recon.rows import warnings_of
 from recon_aligners.boxes import BoxesParams, align_boxes
 
@@ -100,3 +100,20 @@ def test_one_box_is_left_alone(pair):
     result = align_boxes(imu=pair.imus[0], imu_2=None, imu_3=None, imu_4=None, params=BoxesParams())
     assert set(result) == {"metrics"}
     assert "only one box" in warnings_of(result["metrics"])[0]
+
+
+def test_a_single_half_minute_tells_no_sigma(pair):
+    """The second box comes loose in the middle of a minute: of the two half minutes one is left."""
+    first, second = (table.slice(10_000, 6_000) for table in pair.imus)
+    gyro, accel = (matrix(second, name) for name in ("gyro", "accel"))
+    loose = np.arange(len(gyro)) >= len(gyro) // 2
+    twist = from_euler(np.array(0.3), np.array(0.1), np.array(0.1))
+    for values in (gyro, accel):
+        values[loose] = rotate(twist, values[loose])
+    result = align_two([first, replace(second, gyro=gyro, accel=accel)])
+    found = told(result)
+    assert found["imu_2_observable"]["value"] == 0.0
+    assert {found[f"imu_2_{name}"]["sigma"] for name in ("yaw", "lag", "drift", "lever_arm_x")} == {None}
+    assert found["imu_2_lag"]["method"] != "given"
+    (text,) = warnings_of(result["metrics"])
+    assert text.startswith("how exactly imu_2 is placed is not known")

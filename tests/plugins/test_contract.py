@@ -28,8 +28,9 @@ from recon.schema import ATTITUDE, FRAMES, IMU
 from recon.stages import Exporter, Reader
 from recon.tables import build, matrix, replace, seconds, time_ns, vector, with_meta
 from recon.testing import BoundLaw, Case, contract
-from recon.testing.drives import drive, serve
+from recon.testing.drives import drive
 from recon.testing.samples import samples
+from recon.testing.serving import serve
 from recon_exporters.blender import BlenderParams
 from recon_exporters.plots import PlotsParams
 from recon_filters.terrain import TerrainParams

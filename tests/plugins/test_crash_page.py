@@ -87,7 +87,14 @@ def test_the_page_says_first_what_happened(tmp_path):
     text = section(made(tmp_path))
     assert "At <b>72.0 km/h (95 %: 71.0 to 73.0 km/h)</b>" in text
     assert f"<b>{DELTA_V:.1f} km/h" in text
-    assert "the force came from <b>30° (95 %: 26 to 34°)</b>" in text
+    assert "the force came from <b>30° (95 %: 26 to 34°)</b>, clockwise from straight ahead" in text
+
+
+def test_a_sigma_has_as_many_places_as_its_value(tmp_path):
+    text = section(
+        made(tmp_path, learnt=judged(delta_v_resultant_max=Metric("delta_v_resultant_max", 12.2, "km/h", 0.1)))
+    )
+    assert re.search(r'value="12.2">12.20</data></td><td[^>]*><data value="0.1">0.10<', text)
 
 
 def test_numbers_stand_with_interval_standard_and_all_digits(tmp_path):

@@ -17,8 +17,8 @@ from recon.numerics import severity
 from recon.numerics.channel_class import channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
 from recon.numerics.integration import cumulative
+from recon.numerics.moving_window import moving_average
 from recon.numerics.rotation import rotate
-from recon.numerics.signals import moving_average
 from recon.parameters import bind
 from recon.problems import Where
 from recon.rows import spans, warnings_of

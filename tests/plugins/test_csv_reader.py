@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from csv_logs import IMU, ROWS, metrics_of, ns, params_of, read_text, refusal
 
 import recon
 from recon.check import check
 from recon.cli import main
-from recon.errors import DataError, ReadFailed, UnknownFormat
+from recon.errors import DataError, UnknownFormat
 from recon.joining import combine
 from recon.overrides import Override
 from recon.parameters import bind
@@ -27,38 +28,6 @@ from recon_readers.csv import CsvParams, declare_readers, propose, read, sniff
 MAPPINGS = Path(__file__).parent / "csv_mappings"
 G = 9.80665
 NS = 1_000_000_000
-IMU = "imu: {time: {column: t, format: relative}, accel: {columns: [ax, ay, az], unit: g}}"
-ROWS = "t,ax,ay,az\n0.00,0.1,0.2,1.0\n0.01,0.1,0.3,1.0\n0.02,0.2,0.2,1.0\n"
-
-
-def params_of(mapping: str, **form: Any) -> CsvParams:
-    node = Node.of({"columns": load(mapping, "mapping.yaml").plain(), **form}, Where("test"))
-    params, problems = bind(CsvParams, node, "reader.csv")
-    assert not problems, [problem.as_text() for problem in problems]
-    assert isinstance(params, CsvParams)
-    return params
-
-
-def read_text(folder: Path, text: str | bytes, mapping: str = IMU, name: str = "log.csv", **form: Any) -> Streams:
-    path = folder / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read(path=path, params=params_of(mapping, **form))
-
-
-def refusal(folder: Path, text: str | bytes, mapping: str = IMU, **form: Any) -> ReadFailed:
-    with pytest.raises(ReadFailed) as caught:
-        read_text(folder, text, mapping, **form)
-    assert "\n" not in caught.value.message
-    assert caught.value.hint
-    return caught.value
-
-
-def metrics_of(streams: Streams, name: str) -> list[dict[str, Any]]:
-    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
-
-
-def ns(text: str) -> int:
-    return int(np.datetime64(text, "ns").astype(np.int64))
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
@@ -593,69 +562,6 @@ def test_inspect_still_refuses_what_nobody_knows(tmp_path: Path, capsys: pytest.
     (tmp_path / "noise.bin").write_bytes(bytes(range(256)))
     assert main(["inspect", str(tmp_path / "noise.bin")]) == DataError.exit_code
     assert "no reader knows this file" in capsys.readouterr().err
-
-
-# --- proposals ------------------------------------------------------------------------------------------------------
-
-
-def proposed(folder: Path, text: str, name: str = "log.csv") -> str:
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    found = propose([path])
-    assert found is not None
-    params_of(found)
-    return found
-
-
-@pytest.mark.parametrize(
-    ("unit", "size", "expected"),
-    [("m/s^2", 9.8, "unit: m/s^2}"), ("g", 1.0, "unit: g}"), ("", 16384.0, "scale: 6.103515625e-05")],
-)
-def test_units_of_accelerometers_are_told_by_gravity(tmp_path: Path, unit: str, size: float, expected: str) -> None:
-    text = "t,ax,ay,az\n" + "".join(f"{i / 100},0,{size / 50},{size}\n" for i in range(50))
-    assert expected in proposed(tmp_path, text)
-
-
-@pytest.mark.parametrize(("z", "axes"), [(9.8, "FLU"), (-9.8, "FRD")])
-def test_axes_are_a_guess_to_be_checked(tmp_path: Path, z: float, axes: str) -> None:
-    text = "t,ax,ay,az\n" + "".join(f"{i / 100},0,0,{z}\n" for i in range(50))
-    assert f"axes: {axes}  # check" in proposed(tmp_path, text)
-
-
-@pytest.mark.parametrize(
-    ("first", "step", "expected"),
-    [
-        (1_700_000_000, 1, "format: unix}"),
-        (1_700_000_000_000, 10, "format: unix, unit: ms}"),
-        (1_700_000_000_000_000, 10_000, "format: unix, unit: us}"),
-        (1_700_000_000_000_000_000, 10_000_000, "format: unix, unit: ns}"),
-        (0, 10, "format: relative, unit: ms}"),
-        (0, 0.01, "format: relative, unit: s}"),
-    ],
-)
-def test_times_are_told_by_their_size(tmp_path: Path, first: float, step: float, expected: str) -> None:
-    text = "t,ax,ay,az\n" + "".join(f"{first + i * step},0,0,9.8\n" for i in range(50))
-    assert expected in proposed(tmp_path, text)
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(1.0, "m/s"), (3.6, "km/h"), (1 / 0.44704, "mph"), (1.943844, "kn")])
-def test_the_unit_of_a_speed_is_told_by_the_positions(tmp_path: Path, factor: float, unit: str) -> None:
-    speed = 10.0
-    step = np.rad2deg(speed / 6_371_000.0)
-    rows = "".join(f"{i},{44.5 + step * i:.8f},11.3,{speed * factor:.4f}\n" for i in range(100))
-    assert f"unit: {unit}}}" in proposed(tmp_path, "time,latitude,longitude,speed\n" + rows)
-
-
-def test_names_that_yaml_would_misread_are_quoted(tmp_path: Path) -> None:
-    header = 'Time (s),"Acceleration: x, (m/s^2)","Acceleration: y, (m/s^2)","Acceleration: z, (m/s^2)"\n'
-    text = header + "".join(f"{i / 100},0,0,9.8\n" for i in range(50))
-    found = proposed(tmp_path, text)
-    assert read(path=tmp_path / "log.csv", params=params_of(found))["imu"].num_rows == 50
-
-
-def test_nothing_is_proposed_where_nothing_tells_the_time(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("a,b\n1,2\n3,1\n2,2\n", encoding="utf-8")
-    assert propose([tmp_path / "a.csv"]) is None
 
 
 # --- real logs ------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from recon_exporters._decimate import envelope, extremes, gaps, pieces, scattered
+from recon_exporters._decimate import band, envelope, extremes, gaps, pieces, scattered
 
 N = 100_000
 T_NS = np.arange(N) * 10_000_000
@@ -66,3 +66,13 @@ def test_a_cloud_keeps_points_inside_of_it():
     rows = scattered(T_NS, VALUES, WHOLE, 500)
     assert np.mean(np.abs(VALUES[rows]) < 1.0) > 0.2
     assert len(rows) <= 2 * 501 + 2 + 4 * 500 + 1
+
+
+def test_a_band_is_two_sigmas_wide_and_ends_where_none_is_known():
+    t_ns = np.array([0, 1, 2, 3, 60, 61]) * 1_000_000_000
+    sigma = np.array([1.0, 2.0, np.nan, 1.0, 1.0, 1.0])
+    times, low, high, parts = band(t_ns, np.full(6, 10.0), sigma, 5.0)
+    assert times.tolist() == t_ns[[0, 1, 3, 4, 5]].tolist()
+    assert low.tolist() == [8.0, 6.0, 8.0, 8.0, 8.0]
+    assert high.tolist() == [12.0, 14.0, 12.0, 12.0, 12.0]
+    assert parts == [slice(0, 3), slice(3, 5)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from handling_drives import DT_S, START_NS, braking, cornering, gentle, told, trajectory_of
@@ -15,7 +17,7 @@ from recon.numerics.handling import smoothed, spells
 from recon.rows import spans
 from recon.testing.drives import GRAVITY
 from recon_detectors._driving_thresholds import KINDS, sets
-from recon_detectors.driving import SETS, DrivingParams, driving
+from recon_detectors.driving import DrivingParams, driving
 from recon_fusers.map import MapParams, fuse_map
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -147,7 +149,7 @@ def test_which_limits_were_used_is_told():
 
 
 def test_every_set_is_whole_and_says_where_it_comes_from():
-    assert tuple(sets()) == SETS
+    assert tuple(sets()) == get_args(DrivingParams.model_fields["thresholds"].annotation)
     for one in sets().values():
         assert one.version >= 1
         assert len(one.source) > 40

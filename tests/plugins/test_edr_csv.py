@@ -5,7 +5,9 @@ from typing import Any
 
 import pytest
 
+from recon.edr import SPEED
 from recon.errors import ReadFailed
+from recon.rows import warnings_of
 from recon.tables import Streams
 from recon_readers.edr_csv import EdrCsvParams, read, sniff
 
@@ -86,3 +88,20 @@ def test_what_is_no_table_is_refused_in_a_sentence(tmp_path: Path, text: str, me
 def test_its_tables_are_told_from_others() -> None:
     assert sniff(Path("a.csv"), REPORT.encode()).confidence > 0.9
     assert sniff(Path("a.csv"), b"time,ax,ay,az\n0,1,2,3\n").confidence == 0.0
+
+
+def test_decimal_commas_are_read_and_what_may_be_thousands_is_told(tmp_path: Path) -> None:
+    text = "Times (sec);Speed (km/h);Engine (rpm)\n-1;50,5;1,200\n-0,5;48;900\n0;47,25;850\n"
+    streams = read_text(tmp_path, text)
+    assert values(streams, "recorded_pre_crash", SPEED.name) == [
+        (-1.0, 50.5, "km/h"), (-0.5, 48.0, "km/h"), (0.0, 47.25, "km/h")
+    ]  # fmt: skip
+    assert [value for _, value, _ in values(streams, "recorded_pre_crash", "Engine")] == [900.0, 850.0]
+    assert warnings_of(streams["metrics"]) == ["Engine is no number in 1 lines, the first line 2: they are left out"]
+
+
+def test_lines_without_a_time_are_told(tmp_path: Path) -> None:
+    streams = read_text(tmp_path, REPORT.replace("-0.5,30 [48],0,On", "-0.5 s,30 [48],0,On") + "printed in 2020,,\n")
+    assert warnings_of(streams["metrics"]) == [
+        "1 lines have numbers and no time, the first line 3: they are left out"
+    ]  # fmt: skip

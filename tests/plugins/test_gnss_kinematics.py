@@ -240,14 +240,38 @@ def test_a_small_jump_for_good_costs_the_fixes_beside_it_only() -> None:
     assert value_of(streams, "positions_impossible") == 1.0
 
 
-@pytest.mark.parametrize("rate", [20.0, 100.0])
-def test_the_scatter_of_the_fixes_of_a_fast_receiver_is_no_speed(rate: float) -> None:
-    t_s = np.arange(0.0, 30.0, 1.0 / rate)
-    # 3.5 m on each horizontal axis: from fix to fix more than 15 m only where a Rayleigh of 4.9 m exceeds three sigmas
-    # and the 1.1 m or more that the speed allows, in exp(-(16.1 / 4.9)^2 / 2) = 0.5 % of the steps.
-    pos = straight(t_s) + np.random.default_rng(3).normal(size=(len(t_s), 3)) * [3.5, 3.5, 0.0]
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("noise", [1.0, 3.5, 5.0, 12.0])
+@pytest.mark.parametrize("rate", [1.0, 20.0, 100.0])
+def test_the_scatter_of_the_fixes_of_a_fast_receiver_is_no_speed(rate: float, noise: float, told: bool) -> None:
+    t_s = np.arange(0.0, 600.0 / np.sqrt(rate), 1.0 / rate)
+    # Five sigmas of a difference in two dimensions that err alike: exp(-25 / 2) of at most 6000 steps is 0.02 of one.
+    # Sigma itself is known to 1.17 / sqrt(600) = 5 % or better: five of it are then at least 4.7, and 0.1 of a step.
+    # At 12 m the sigma of the fixes asks for 85 m. The speed that the receiver tells allows less than the largest one.
+    pos = straight(t_s) + np.random.default_rng(3).normal(size=(len(t_s), 3)) * [noise, noise, 0.0]
+    more = {"speed": np.full(len(t_s), 15.0)} if told else {}
+    streams = gnss_kinematics(gnss=fixes_at(t_s, pos, **more), params=GnssKinematicsParams())
+    assert value_of(streams, "positions_impossible") == 0.0
+    assert np.isfinite(matrix(streams["gnss"], "pos")).all()
+
+
+def test_an_excursion_beyond_the_scatter_of_fixes_is_found_among_noisy_ones() -> None:
+    t_s = np.arange(0.0, 60.0, 0.05)
+    pos = straight(t_s) + np.random.default_rng(4).normal(size=(len(t_s), 3)) * [5.0, 5.0, 0.0]
+    pos[500:520, 1] += 100.0  # scatter of 35 m, 6 m of speed, two fixes of noise
     streams = gnss_kinematics(gnss=fixes_at(t_s, pos), params=GnssKinematicsParams())
-    assert value_of(streams, "positions_impossible") <= 0.02 * len(t_s)
+    missing = np.isnan(matrix(streams["gnss"], "pos", gaps=True)).any(axis=1)
+    assert np.flatnonzero(missing).tolist() == list(range(500, 520))
+    # 5 x sqrt(2) x 5 m, the sigma known to 1.17 / sqrt(1200): three of that
+    assert value_of(streams, "positions_scatter") == pytest.approx(35.4, rel=0.1)
+
+
+def test_where_all_positions_are_noise_the_scatter_has_an_end() -> None:
+    t_s = np.arange(0.0, 30.0, 0.1)
+    pos = np.random.default_rng(5).normal(size=(len(t_s), 3)) * [1000.0, 1000.0, 0.0]
+    streams = gnss_kinematics(gnss=fixes_at(t_s, pos), params=GnssKinematicsParams())
+    assert value_of(streams, "positions_scatter") == 100.0
+    assert value_of(streams, "positions_impossible") > 200.0
 
 
 def test_a_relative_clock_has_no_date_in_a_warning() -> None:

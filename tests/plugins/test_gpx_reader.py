@@ -112,3 +112,15 @@ def test_real_files_without_a_track_say_so(logs: Path) -> None:
     for file in ("gpx1.1_with_extensions.gpx", "gpx_with_garmin_extension.gpx"):
         with pytest.raises(ReadFailed, match="only 1 waypoints and points of routes"):
             recon.read(logs / "formats" / "gpx" / file)
+
+
+def test_texts_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
+    points = "".join(
+        f'<trkpt lat="44.5" lon="11.3"><ele>{ele}</ele><time>2024-05-01T08:00:0{second}Z</time></trkpt>'
+        for second, ele in enumerate(("53.8", "53,8", "", "NaN"))
+    )
+    path = tmp_path / "a.gpx"
+    path.write_text(f"<gpx><trk><trkseg>{points}</trkseg></trk></gpx>")
+    recording = recon.read(path)
+    assert recording["gnss"]["height"].null_count == 3
+    assert warnings_of(recording["metrics"]) == ["1 texts of points are no numbers, and are left out"]

@@ -14,7 +14,8 @@ from recon.numerics.rotation import from_euler, to_euler
 from recon.rows import warnings_of
 from recon.schema import Change
 from recon.tables import conform
-from recon.testing.drives import ANCHOR, Conditions, drive, serve
+from recon.testing.drives import ANCHOR, Conditions, drive
+from recon.testing.serving import serve
 from recon_fusers.kalman_cv import KalmanParams, declare_fusers, kalman_cv
 
 READS = {"imu": IMU.need("accel", frame="local", quantity={"accel": "acceleration"}), "gnss": GNSS.need("pos")}

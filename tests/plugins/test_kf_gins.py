@@ -100,3 +100,24 @@ def test_another_table_is_no_table_of_kf_gins(tmp_path: Path) -> None:
         (tmp_path / "other.txt").write_text(text)
         with pytest.raises(ReadFailed, match="no reader knows this file"):
             recon.read(tmp_path / "other.txt")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda data: b"",
+        lambda data: b"\n\n",
+        lambda data: b'"' + data.replace(b"\n", b'"\n"'),
+        lambda data: data.decode().encode("utf-16"),
+        lambda data: data.replace(b".", b","),
+        lambda data: data.replace(b"\n", b" 1.0\n"),
+    ],
+    ids=["empty", "blank", "quoted", "UTF-16", "decimal comma", "another column"],
+)
+def test_a_table_of_the_folder_that_is_not_known_is_named(folder: Path, spoil: object) -> None:
+    (folder / "imu.txt").write_bytes(spoil((folder / "imu.txt").read_bytes()))  # type: ignore[operator]
+    (folder / "readme.txt").write_text("What was driven\n10 minutes of town\nby night\n")
+    recording = recon.read(folder)
+    assert "imu" not in recording
+    (told,) = [text for text in warnings_of(recording["metrics"]) if "is not read" in text]
+    assert told.startswith("imu.txt is not read, for it is no table of KF-GINS")

@@ -11,6 +11,7 @@ from fuzz import log_files
 import recon
 from recon.errors import ReadFailed
 from recon.numerics.rotation import to_euler
+from recon.rows import warnings_of
 from recon.tables import matrix, time_ns, vector
 
 ROWS = 30
@@ -58,3 +59,14 @@ def test_a_folder_without_packets_says_so(folder: Path) -> None:
         file.unlink()
     with pytest.raises(ReadFailed, match="no packet holds a place"):
         recon.read(folder)
+
+
+def test_packets_behind_the_last_time_are_told(folder: Path) -> None:
+    times = folder / "oxts" / "timestamps.txt"
+    times.write_text("\n".join(times.read_text().splitlines()[:20]) + "\n")
+    recording = recon.read(folder)
+    assert recording["imu"].num_rows == 20
+    assert any(
+        text.startswith("10 packets are not read, for timestamps.txt has 20 lines only")
+        for text in warnings_of(recording["metrics"])
+    )

@@ -81,3 +81,33 @@ def test_a_line_without_times_is_no_recording(tmp_path: Path) -> None:
     with pytest.raises(ReadFailed, match="no point in it has a time, 1 lines are drawn") as caught:
         read(tmp_path, line)
     assert "gx:Track" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("coord", "told"),
+    [
+        ("11.05 44.49 53.8", [11.05, 44.49]),
+        ("11,05 44,49 53,8", [11.05, 44.49]),
+        ("-11,05 -44,49 0", [-11.05, -44.49]),
+        ("11.05,44.49,53.8", [11.05, 44.49]),
+        ("11,44,53", [11.0, 44.0]),
+    ],
+)
+def test_places_are_parted_by_blanks_or_commas_and_commas_may_be_those_of_decimals(
+    tmp_path: Path, coord: str, told: list[float]
+) -> None:
+    track = f"<when>2024-05-01T08:00:00Z</when><when>2024-05-01T08:00:01Z</when>{f'<coord>{coord}</coord>' * 2}"
+    path = tmp_path / "a.kml"
+    path.write_text(f"<kml><Placemark><Track>{track}</Track></Placemark></kml>")
+    gnss = recon.read(path)["gnss"]
+    assert [vector(gnss, name)[0] for name in ("lon", "lat")] == told
+
+
+def test_places_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
+    whens = "".join(f"<when>2024-05-01T08:00:0{second}Z</when>" for second in range(3))
+    coords = "".join(f"<coord>{text}</coord>" for text in ("11.05 44.49 1", "here there 1", "1 1,0 5,4 4,4 9"))
+    path = tmp_path / "a.kml"
+    path.write_text(f"<kml><Placemark><Track>{whens}{coords}</Track></Placemark></kml>")
+    recording = recon.read(path)
+    assert recording["gnss"].num_rows == 1
+    assert warnings_of(recording["metrics"]) == ["2 texts of points are no numbers, and are left out"]

@@ -10,6 +10,7 @@ import pytest
 from array_logs import navego_gnss, navego_imu, save_mat
 from scipy.io import loadmat
 
+from recon_readers import _matlab
 from recon_readers._matlab import byte_order, structures
 
 KINDS = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8")
@@ -82,3 +83,28 @@ def test_real_files_are_read_as_scipy_reads_them(logs: Path) -> None:
             assert set(fields) == set(peer[name].dtype.names)
             for field, values in fields.items():
                 np.testing.assert_array_equal(values, peer[name][field])
+
+
+def test_a_small_file_that_unpacks_to_all_memory_is_refused_before_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zeros pack a thousandfold. Two elements that fit alone are refused together."""
+    monkeypatch.setattr(_matlab, "LARGEST_UNPACKED", 1_500_000)
+    small = save_mat(tmp_path / "small.mat", imu={"a": np.zeros(100_000)})
+    assert small.stat().st_size < 3000
+    assert structures(small.read_bytes())["imu"]["a"].size == 100_000
+    for name, many in (
+        ("one", {"imu": {"a": np.zeros(200_000)}}),
+        ("two", {"imu": {"a": np.zeros(100_000)}, "gps": {"a": np.zeros(100_000)}}),
+    ):
+        path = save_mat(tmp_path / f"{name}.mat", **many)
+        assert path.stat().st_size < 6000
+        with pytest.raises(ValueError, match="unpacks to more than 2 MB"):
+            structures(path.read_bytes())
+
+
+def test_small_numbers_that_become_doubles_are_counted_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_matlab, "LARGEST_UNPACKED", 1_500_000)
+    path = save_mat(tmp_path / "bytes.mat", imu={"a": np.zeros(100_000, "i1"), "b": np.zeros(100_000, "i1")})
+    with pytest.raises(ValueError, match="take more than 2 MB as doubles"):
+        structures(path.read_bytes())

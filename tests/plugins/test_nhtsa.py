@@ -11,6 +11,7 @@ from fuzz import log_files
 import recon
 from recon.errors import ReadFailed
 from recon.numerics.geodesy import STANDARD_GRAVITY
+from recon.rows import warnings_of
 from recon.tables import matrix, meta, schema_of, seconds, time_ns, vector
 
 ROWS = 400
@@ -79,3 +80,14 @@ def test_the_real_test_loses_its_speed_at_the_barrier(logs: Path) -> None:
         rows = (t_s >= 0) & (t_s <= 0.2)
         change_km_h = np.trapezoid(accel[rows], t_s[rows]) * 3.6 if hasattr(np, "trapezoid") else np.nan
         assert np.isnan(change_km_h) or -66.5 < change_km_h < -64.2
+
+
+def test_a_channel_that_is_cut_is_told(folder: Path) -> None:
+    assert warnings_of(recon.read(folder)["metrics"]) == []
+    lines = (folder / "v1.002").read_text().splitlines(keepends=True)
+    (folder / "v1.002").write_text("".join(lines[:300]))
+    (told,) = warnings_of(recon.read(folder)["metrics"])
+    assert told == "of FLLR, accel_x ends before the other axes do: copy the files again"
+    (folder / "v1.002").write_text("".join(lines[:200] + lines[100:]))
+    (told,) = warnings_of(recon.read(folder)["metrics"])
+    assert told == "left out of v1.002: time is missing, repeats or is out of order (100 times)"

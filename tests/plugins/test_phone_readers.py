@@ -263,7 +263,7 @@ def test_a_zip_that_would_unpack_to_more_than_a_gigabyte_is_refused_unread(
 ) -> None:
     path = tmp_path / "bomb.zip"
     path.write_bytes(phone_logs.zipped(phone_logs.sensor_logger(LOG)))
-    monkeypatch.setattr(recon_readers._phone_files, "LARGEST", 5000)
+    monkeypatch.setattr(recon_readers._phone_files, "LARGEST_UNPACKED", 5000)
     with pytest.raises(ReadFailed, match="would unpack to"):
         recon.read(path)
 
@@ -285,3 +285,29 @@ def test_a_table_of_phyphox_deep_in_a_folder_makes_it_no_recording(tmp_path: Pat
             (tmp_path / "logs" / "others" / name).write_text(text, encoding="utf-8")
     with pytest.raises(ReadFailed, match="this is a folder"):
         recon.read(tmp_path / "logs")
+
+
+def test_the_metadata_of_sensor_logger_alone_say_what_to_name(tmp_path: Path) -> None:
+    path = tmp_path / "Metadata.csv"
+    path.write_text("version,device name,recording epoch time,platform\n3,Pixel,1691185678576,android\n")
+    with pytest.raises(ReadFailed, match=r"it tells of the phone .* and holds no measurement") as found:
+        recon.read(path)
+    assert found.value.hint == "name the folder that it is in, or one of the tables beside it"
+
+
+def test_a_table_of_places_without_latitudes_is_refused(tmp_path: Path) -> None:
+    for name, text in phone_logs.sensor_logger(phone_logs.logged()).items():
+        (tmp_path / name).write_text(text.replace("latitude", "breadth"))
+    with pytest.raises(ReadFailed, match=r"Location.csv:1: it has no column 'latitude'"):
+        recon.read(tmp_path)
+
+
+def test_sensors_of_gnsslogger_whose_columns_no_comment_names_are_told(tmp_path: Path) -> None:
+    text = phone_logs.gnsslogger(phone_logs.logged())
+    lines = [line for line in text.splitlines(keepends=True) if not line.startswith(("# Accel", "# UncalAccel"))]
+    path = tmp_path / "gnss_log.txt"
+    path.write_text("".join(lines))
+    recording = recon.read(path)
+    assert "accel_x" not in recording["imu"].column_names
+    told = warnings_of(recording["metrics"])
+    assert "no comment names the columns of Accel: its lines are left out" in told

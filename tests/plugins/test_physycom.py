@@ -3,87 +3,35 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from datetime import UTC, datetime
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
+from physycom_logs import (
+    GOOD,
+    HEAD,
+    HELD_ROWS,
+    RECORDS,
+    T0,
+    T0_UTC_NS,
+    counts,
+    held,
+    metric,
+    motion,
+    read_text,
+    refusal,
+    text_of,
+)
 
 from recon.errors import DataError, ReadFailed
 from recon.joining import combine
 from recon.recording import Recording
 from recon.rows import warnings_of
-from recon.tables import Array, Streams, conform, has, matrix, meta, time_ns, vector
-from recon_readers.physycom import PhysycomParams, declare_readers, read, sniff
+from recon.tables import Array, conform, has, matrix, meta, time_ns, vector
+from recon_readers.physycom import PhysycomParams, declare_readers, read
 
 G = 9.80665
-T0 = 518_716_448
-"""8 June 2016, 16:54:08 in Bologna: summer time, so 14:54:08 UTC."""
-T0_UTC_NS = int(datetime(2016, 6, 8, 14, 54, 8, tzinfo=UTC).timestamp()) * 1_000_000_000
-WORDS = {
-    4: "timestamp ax ay az",
-    10: "timestamp speed ax ay az gx gy gz |a| timestamp_rel",
-    14: "timestamp lat lon alt heading speed ax ay az gx gy gz |a| timestamp_rel",
-}
-HELD_ROWS = 20
-"""Rows of 5 ms between two reports of the receiver: 10 Hz."""
-
-
-def read_text(folder: Path, text: str | bytes, **params: Any) -> Streams:
-    path = folder / "log.txt"
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read(path=path, params=PhysycomParams(**params))
-
-
-def refusal(folder: Path, text: str | bytes, **params: Any) -> ReadFailed:
-    with pytest.raises(ReadFailed) as caught:
-        read_text(folder, text, **params)
-    assert "\n" not in caught.value.message
-    assert caught.value.hint
-    return caught.value
-
-
-def metric(streams: Streams, name: str) -> dict[str, Any]:
-    (row,) = [row for row in streams["metrics"].to_pylist() if row["name"] == name]
-    return dict(row)
-
-
-def counts(streams: Streams) -> tuple[float, float, float]:
-    read_rows, used, dropped = (metric(streams, f"rows_{name}")["value"] for name in ("read", "used", "dropped"))
-    return read_rows, used, dropped
-
-
-def motion(n: int = 400, *, place: bool = True, speed: float = 36.0) -> Array:
-    """Rows as in fullinertial (14 columns) or inertial (10): 200 Hz, a noisy IMU, GNSS that changes on every row."""
-    rng = np.random.default_rng(1)
-    t = np.arange(n) * 0.005
-    accel = np.round([0.0, 0.0, 1.0] + 0.02 * rng.standard_normal((n, 3)), 5)
-    gyro = np.round(rng.standard_normal((n, 3)), 5)
-    where = np.column_stack([44.5 + 1e-5 * t, 11.35 + 1e-5 * t, 45.0 + t, (350.0 + 10 * t) % 360]) if place else []
-    columns = [where] if place else []
-    size = np.linalg.norm(accel, axis=1)
-    return np.column_stack([T0 + t, *columns, speed + t, accel, gyro, size, t])
-
-
-def held(rows: Array, every: int = HELD_ROWS) -> Array:
-    """The same with GNSS columns that change on every 20th row only."""
-    last = rows.shape[1] - 8
-    out = rows.copy()
-    out[:, 1:last] = rows[np.arange(len(rows)) // every * every, 1:last]
-    return out
-
-
-def row_text(values: Any, separator: str = "\t", blank: str = "") -> str:
-    time = f"{Decimal(T0) + Decimal(str(round(values[0] - T0, 4))):.4f}"
-    return separator.join([time, *(blank if np.isnan(value) else f"{value:.7f}" for value in values[1:])])
-
-
-def text_of(rows: Array, separator: str = "\t", blank: str = "", header: str | None = None) -> str:
-    top = f"#\t{WORDS[rows.shape[1]]}".replace(" ", "\t") if header is None else header
-    lines = [*([top] if top else []), *(row_text(row, separator, blank) for row in rows)]
-    return "\n".join(lines) + "\n"
 
 
 # --- what comes out ---------------------------------------------------------------------------------------------------
@@ -566,9 +514,6 @@ def test_a_clock_that_was_not_set_is_not_absolute(tmp_path: Path) -> None:
 
 # --- what is refused --------------------------------------------------------------------------------------------------
 
-GOOD = f"{T0}.0\t0.1\t0.2\t1.0\n{T0}.1\t0.1\t0.2\t1.0\n{T0}.2\t0.1\t0.2\t1.0\n"
-HEAD = "# timestamp ax ay az\n"
-
 
 @pytest.mark.parametrize(
     ("bad", "line", "column", "says"),
@@ -659,167 +604,3 @@ def test_damaged_files_are_read_or_refused_and_never_crash(tmp_path: Path, seed:
         with suppress(DataError):
             read_rows, used, dropped = counts(read_text(tmp_path, bytes(damaged)))
             assert read_rows == used + dropped
-
-
-# --- GNSS as JSON -----------------------------------------------------------------------------------------------------
-
-RECORDS: list[dict[str, Any]] = [
-    {"lat": 44.5, "lon": 11.25, "timestamp": T0 + k, "speed": 36.0, "alt": 45.0, "heading": 270.0, "fix": 3}
-    for k in range(12)
-]
-
-
-def read_json(folder: Path, data: Any) -> Streams:
-    return read_text(folder, data if isinstance(data, str) else json.dumps(data))
-
-
-def test_json_records_give_gnss(tmp_path: Path) -> None:
-    streams = read_json(tmp_path, RECORDS)
-    gnss = streams["gnss"]
-    assert set(streams) == {"gnss", "metrics"}
-    assert (time_ns(gnss) - T0_UTC_NS).tolist() == [k * 1_000_000_000 for k in range(12)]
-    assert gnss.slice(0, 1).drop_columns(["time"]).to_pylist() == [
-        {"lat": 44.5, "lon": 11.25, "height": 45.0, "speed": 10.0, "course": 1.5 * np.pi, "fix": 3}
-    ]
-    assert gnss.schema.field("fix").type == pa.int32()
-    assert counts(streams) == (12, 12, 0)
-
-
-def test_json_timestamps_lose_no_digit(tmp_path: Path) -> None:
-    text = '[{"lat": 44.5, "lon": 11, "timestamp": 518716448.100103401, "speed": 0}]'
-    assert time_ns(read_json(tmp_path, text)["gnss"])[0] - T0_UTC_NS == 100_103_401
-
-
-def test_json_objects_are_ordered_by_the_numbers_of_their_keys(tmp_path: Path) -> None:
-    data = {f"gnss_record_{k}": record for k, record in enumerate(RECORDS)}
-    ordered = read_json(tmp_path, json.dumps(data, sort_keys=True))
-    assert ordered["gnss"].equals(read_json(tmp_path, RECORDS)["gnss"])
-
-
-def test_json_speed_may_hold_its_mean(tmp_path: Path) -> None:
-    record = {**RECORDS[0], "speed": {"min": 30.0, "max": 40.0, "mean": 36.0}}
-    assert vector(read_json(tmp_path, [record])["gnss"], "speed")[0] == 10.0
-
-
-def test_json_optional_keys_may_be_absent_or_null(tmp_path: Path) -> None:
-    plain = {key: RECORDS[0][key] for key in ("lat", "lon", "timestamp", "speed")}
-    assert read_json(tmp_path, [plain])["gnss"].column_names == ["time", "speed", "lat", "lon"]
-    gnss = read_json(tmp_path, [{**plain, "alt": None}, RECORDS[1]])["gnss"]
-    assert gnss["height"].null_count == 1
-
-
-@pytest.mark.parametrize(
-    ("data", "says"),
-    [
-        pytest.param(json.dumps(RECORDS)[:-30], "no JSON", id="cut off"),
-        pytest.param([], "no GNSS records", id="no records"),
-        pytest.param({"a": 1}, "no GNSS records", id="another object"),
-        pytest.param([RECORDS[0], 5], "record 2 is no JSON object", id="a number for a record"),
-        pytest.param([RECORDS[0], {"lat": 1}], "record 2 has no 'timestamp'", id="missing key"),
-        pytest.param([{**RECORDS[0], "lat": "north"}], "record 1: lat is 'north'", id="text for a number"),
-        pytest.param([{**RECORDS[0], "lon": [1]}], "record 1: lon is", id="a list for a number"),
-        pytest.param([{**RECORDS[0], "lat": 91}], "record 1: lat 91 lies outside", id="out of range"),
-        pytest.param(RECORDS[::-1], "record 2: time", id="backwards"),
-    ],
-)
-def test_bad_json_is_refused(tmp_path: Path, data: Any, says: str) -> None:
-    text = data if isinstance(data, str) else json.dumps(data)
-    assert says in refusal(tmp_path, text).message
-
-
-# --- sniffing ---------------------------------------------------------------------------------------------------------
-
-
-def confidence(text: str | bytes) -> float:
-    found = sniff(Path("any.name"), (text.encode() if isinstance(text, str) else text)[:65536])
-    assert found.reason
-    return found.confidence
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param(text_of(motion(2000)), id="fullinertial, cut at 64 KiB"),
-        pytest.param(text_of(motion(20, place=False), header=WORDS[10].replace(" ", "\t")), id="header without #"),
-        pytest.param(HEAD + GOOD, id="acc"),
-        pytest.param(json.dumps(RECORDS), id="array"),
-        pytest.param(json.dumps({"gnss_record_0": RECORDS[0]}), id="object"),
-        pytest.param(json.dumps(RECORDS * 1000), id="JSON, cut at 64 KiB"),
-    ],
-)
-def test_it_is_sure_of_its_own_headers_and_keys(text: str) -> None:
-    assert confidence(text) == 0.9
-
-
-@pytest.mark.parametrize("rows", [motion(20), motion(20, place=False)])
-def test_it_is_fairly_sure_of_rows_with_plausible_times(rows: Array) -> None:
-    assert 0.5 <= confidence(text_of(rows, header="")) < 0.9
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param("", id="empty"),
-        pytest.param(b"\x89PNG\r\n\x1a\n\0\0", id="binary"),
-        pytest.param("time,ax,ay,az\n1,2,3,4\n", id="commas"),
-        pytest.param("1 2 3\n4 5 6\n", id="another width"),
-        pytest.param("9 2 3 4\n4 5 6 7\n", id="times that fall"),
-        pytest.param('{"type": "FeatureCollection"}', id="GeoJSON"),
-        pytest.param('[{"lat": 1, "lon": 2}]', id="JSON without times"),
-        pytest.param((HEAD + GOOD).encode("utf-16"), id="utf-16"),
-        pytest.param("4000000000 1 2 3\n", id="beyond 2100"),
-        pytest.param("timestamp ax ay az mood\n1 2 3 4 5\n", id="a header with another column"),
-        pytest.param(GOOD.replace("\t", "|"), id="bars"),
-        pytest.param('[{"lat": 1, "lon": 2, "speed": 3, "timestamp": "noon"}]', id="JSON with other times"),
-    ],
-)
-def test_it_disclaims_other_files(text: str | bytes) -> None:
-    assert confidence(text) == 0.0
-
-
-@pytest.mark.parametrize("first", ["0", "3600", "1600000000"])
-def test_a_clock_that_was_not_set_leaves_it_less_sure(first: str) -> None:
-    assert 0.5 <= confidence((HEAD + GOOD).replace(str(T0), first)) < 0.9
-    rows = text_of(motion(20, place=False), header="").replace(str(T0), first)
-    assert 0.5 <= confidence(rows) < 0.9
-    # Four columns of numbers may be anything.
-    assert 0.0 < confidence(GOOD.replace(str(T0), first)) < 0.5
-
-
-@pytest.mark.parametrize(
-    "fault",
-    [
-        pytest.param(lambda lines: [*lines[:9], "abc\t" * 10, *lines[10:]], id="text"),
-        pytest.param(lambda lines: [*lines[:9], "1\t2", *lines[10:]], id="short row"),
-        pytest.param(lambda lines: [*lines[:9], lines[9] + "\t5", *lines[10:]], id="long row"),
-        pytest.param(lambda lines: [*lines[:9], lines[3], *lines[10:]], id="time backward"),
-        pytest.param(lambda lines: [*lines[:9], lines[9].replace(str(T0), "900000000"), *lines[10:]], id="time late"),
-        pytest.param(lambda lines: [*lines[:9], lines[9].replace(str(T0), "\t"), *lines[10:]], id="no time"),
-    ],
-)
-@pytest.mark.parametrize("header", [None, ""])
-def test_a_fault_in_one_row_does_not_shake_it(fault: Any, header: str | None) -> None:
-    lines = text_of(motion(60, place=False), header=header).splitlines()
-    assert confidence("\n".join(fault(lines)) + "\n") >= 0.8
-
-
-def test_a_header_alone_is_recognised_whatever_follows() -> None:
-    assert confidence(HEAD) == 0.9
-    assert confidence(HEAD + GOOD.replace(".", ",")) == 0.9
-    assert confidence(HEAD + "1" * 70_000) == 0.9
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("time,ax,ay,az\n1,2,3,4\n", "commas part the columns, not tabs or spaces"),
-        ("1;2;3;4\n" * 300, "semicolons part the columns, not tabs or spaces"),
-        ("1|2|3|4\n" * 300, "vertical bars part the columns, not tabs or spaces"),
-        ((HEAD + GOOD).encode("utf-16"), "this is UTF-16 text: save it as ASCII or UTF-8"),
-        ("7" * 70_000, "a row of 1 column, where tabs or spaces part 4, 10 or 14 columns"),
-        ("9 2 3 4\n4 5 6 7\n", "its first column is no time that rises"),
-    ],
-)
-def test_its_reason_says_why_it_disclaims_a_file(text: str | bytes, reason: str) -> None:
-    head = (text.encode() if isinstance(text, str) else text)[:65536]
-    assert sniff(Path("any.name"), head).reason == reason

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recon.numerics.signals import changes, moving_average
+from recon.numerics.moving_window import moving_average
+from recon.numerics.signals import changes
 from recon.rows import spans, warnings_of
 from recon.schema import GNSS, IMU
 from recon.tables import Array, build

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon_readers._time_order import PAUSE_NS, in_order, median_ns, never_falling, pauses, repeating
+from recon_readers._time_order import PAUSE_NS, in_order, median_ns, never_falling, pauses, repeating, slots
 
 SECOND = 1_000_000_000
 YEAR = 31_557_600 * SECOND
@@ -100,3 +100,9 @@ def test_a_row_of_the_time_of_an_earlier_row_of_its_sensor_repeats() -> None:
     t_ns = np.array([1, 1, 1, 2])
     accel, gyro = np.array([True, False, True, True]), np.array([False, True, False, True])
     assert repeating(t_ns, [accel, gyro]).tolist() == [False, False, True, False]
+
+
+def test_rows_of_one_time_share_a_slot() -> None:
+    begins, slot = slots(np.array([5, 5, 7, 8, 8, 8]))
+    assert begins.tolist() == [True, False, True, True, False, False]
+    assert slot.tolist() == [0, 0, 1, 2, 2, 2]

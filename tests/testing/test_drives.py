@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recon import IMU, MAG, matrix, seconds, time_ns
+from recon import matrix, seconds, time_ns
 from recon.numerics.rotation import angle, rotate
-from recon.testing.drives import DRIFT, FIELD_N, GRAVITY, START_NS, Conditions, drive, serve
-from recon.testing.motions import CIRCLE, STAND
+from recon.testing.drives import DRIFT, START_NS, Conditions, drive
+from recon.testing.motions import CIRCLE
 
 IDEAL = Conditions(noise=0.0)
 
@@ -38,29 +38,6 @@ def test_a_turned_world_is_the_same_world_turned_with_its_errors(stream):
 def test_a_turned_or_moved_drive_feels_the_same_in_the_box():
     for conditions in (Conditions(yaw=1.0), Conditions(shift_n=(10.0, 20.0, 30.0))):
         assert matrix(drive(conditions)["imu"], "accel") == pytest.approx(matrix(drive()["imu"], "accel"), abs=1e-12)
-
-
-def test_gravity_points_up_in_every_frame_but_that_of_the_tilted_box():
-    recording = drive(Conditions(noise=0.0, motion=STAND))
-    up = {
-        frame: matrix(serve(recording, {"imu": IMU.need("accel", frame=frame)})["imu"], "accel")[0]
-        for frame in ("sensor", "level", "vehicle", "local")
-    }
-    assert np.hypot(*up.pop("sensor")[:2]) > 0.3
-    for force in up.values():
-        assert force == pytest.approx([0.0, 0.0, GRAVITY], abs=1e-12)
-
-
-def test_acceleration_is_free_of_gravity():
-    need = IMU.need("accel", frame="local", quantity={"accel": "acceleration"})
-    recording = drive(IDEAL)
-    expected = rotate(matrix(recording["reference"], "q"), matrix(recording["reference"], "accel"))
-    assert matrix(serve(recording, {"imu": need})["imu"], "accel") == pytest.approx(expected, abs=1e-12)
-
-
-def test_the_magnetic_field_is_that_of_the_place_in_the_local_frame():
-    field = matrix(serve(drive(IDEAL), {"mag": MAG.need("mag", frame="local")})["mag"], "mag")
-    assert field == pytest.approx(np.tile(FIELD_N, (len(field), 1)), abs=1e-18)
 
 
 def test_the_step_of_the_imu_is_the_one_asked_for():

@@ -10,7 +10,8 @@ from broken_laws import broken
 
 from recon import ATTITUDE, IMU, TRAJECTORY, Integrator, build, matrix, seconds, time_ns
 from recon.numerics.integration import cumulative, increments
-from recon.numerics.rotation import compose, from_rotvec, rotate
+from recon.numerics.rotation import from_rotvec, rotate
+from recon.numerics.rotation_series import compose
 from recon.testing.laws import integrators
 
 EMPTY = build(TRAJECTORY, time=np.zeros(0, dtype=np.int64))

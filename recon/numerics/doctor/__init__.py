@@ -51,7 +51,7 @@ def examine(log: Log, classes: Sequence[tuple[str, float, float]]) -> tuple[list
 def _of_receiver(gnss: Gnss | None, log: Log) -> list[Finding]:
     found = [receiver.height_datum(log.heights, log.claims)]
     if gnss is not None:
-        found += [receiver.heading_kind(gnss, log.claims), receiver.lat_lon(gnss), receiver.gnss_sigma(gnss)]
+        found += [receiver.heading_kind(gnss), receiver.lat_lon(gnss), receiver.gnss_sigma(gnss)]
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from recon.numerics.doctor.clocks import Clocks, plane, unexplained
 from recon.numerics.doctor.finding import Finding, Floats, confidence_of, confirmed, contradicted, unknown
-from recon.numerics.doctor.log import Gnss, Imu
+from recon.numerics.doctor.log import Gnss, Imu, pairs
 from recon.numerics.smoothing.lag import Lag
 from recon.numerics.smoothing.robust import cauchy_weights
 
@@ -110,11 +110,7 @@ def _behind(gnss: Gnss) -> Lag | None:
     vel = np.column_stack([speed[rows] * np.sin(course[rows]), speed[rows] * np.cos(course[rows])])
     way = np.concatenate((np.zeros((1, 2)), np.cumsum(0.5 * (vel[1:] + vel[:-1]) * np.diff(t_s)[:, None], axis=0)))
     place = np.column_stack([east[rows], north[rows]])
-    after = np.searchsorted(t_s, t_s + _SPAN_S)
-    first = np.flatnonzero(after < len(rows))
-    last = after[first]
-    near = t_s[last] - t_s[first] < _NEAR_S
-    first, last = first[near], last[near]
+    first, last = pairs(t_s, _SPAN_S, _NEAR_S)
     if len(first) < 20:
         return None
     miss = (place[last] - place[first]) - (way[last] - way[first])

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.numerics.doctor.finding import Floats
 
-
-def _none() -> Floats:
-    return np.zeros(0)
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -91,3 +90,15 @@ class Log:
     gnss: Gnss | None
     claims: Claims
     heights: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+
+
+def pairs(t_s: Floats, least_s: float, most_s: float) -> tuple[Rows, Rows]:
+    """Rows, each with the first one at least `least_s` later, as far as that is less than `most_s` later: (k,) both.
+
+    t_s : (n,) s, rising
+    """
+    after = np.searchsorted(t_s, t_s + least_s)
+    first = np.flatnonzero(after < len(t_s))
+    last = after[first]
+    near = t_s[last] - t_s[first] < most_s
+    return first[near], last[near]

@@ -20,7 +20,7 @@ from recon.numerics.doctor.finding import (
     contradicted,
     unknown,
 )
-from recon.numerics.doctor.log import Claims, Gnss
+from recon.numerics.doctor.log import Claims, Gnss, pairs
 from recon.numerics.signals import wrap_angle
 
 _LEAST_SPEED: Final = 4.0
@@ -39,17 +39,13 @@ def _tracks(gnss: Gnss) -> tuple[Floats, Floats, Floats]:
     east, north = plane(gnss)
     rows = np.flatnonzero(np.isfinite(east))
     t_s = gnss.t_s[rows]
-    after = np.searchsorted(t_s, t_s + _SPAN_S - 1e-6)
-    first = np.flatnonzero(after < len(rows))
-    last = after[first]
-    near = t_s[last] - t_s[first] < 2.0 * _SPAN_S + 1.0
-    first, last = rows[first[near]], rows[last[near]]
+    first, last = (rows[ends] for ends in pairs(t_s, _SPAN_S - 1e-6, 2.0 * _SPAN_S + 1.0))
     moved = np.column_stack([east[last] - east[first], north[last] - north[first]])
     far = np.linalg.norm(moved, axis=1) > _LEAST_SPEED * (gnss.t_s[last] - gnss.t_s[first])
     return first[far], last[far], moved[far]
 
 
-def heading_kind(gnss: Gnss, claims: Claims) -> Finding:
+def heading_kind(gnss: Gnss) -> Finding:
     """Is the course that from true north, clockwise, of the motion?"""
     code = "heading_kind"
     if not np.isfinite(gnss.course).any():

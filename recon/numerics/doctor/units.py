@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from recon.numerics.doctor.finding import Finding, Floats, confidence_of, confirmed, contradicted, unknown
-from recon.numerics.doctor.log import Claims, Gnss, Imu
+from recon.numerics.doctor.log import Claims, Gnss, Imu, pairs
 from recon.numerics.doctor.motion import FEWEST, Motion, regress
 from recon.numerics.geodesy import STANDARD_GRAVITY
 
@@ -144,11 +144,7 @@ def _by_way(gnss: Gnss) -> tuple[float, float, float, str] | None:
         return None
     t_s, speed = gnss.t_s[rows], gnss.speed[rows]
     way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t_s))))
-    after = np.searchsorted(t_s, t_s + _SPAN_S)
-    first = np.flatnonzero(after < len(rows))
-    last = after[first]
-    near = t_s[last] - t_s[first] < 2.0 * _SPAN_S
-    first, last = first[near], last[near]
+    first, last = pairs(t_s, _SPAN_S, 2.0 * _SPAN_S)
     north = 111_200.0 * (gnss.lat[rows][last] - gnss.lat[rows][first])
     east = 111_300.0 * np.cos(np.radians(gnss.lat[rows][first])) * (gnss.lon[rows][last] - gnss.lon[rows][first])
     chord, sum_of = np.hypot(east, north), way[last] - way[first]

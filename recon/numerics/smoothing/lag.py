@@ -27,7 +27,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.signals import moving_average, wrap_angle
+from recon.numerics.moving_window import moving_average
+from recon.numerics.signals import wrap_angle
 from recon.numerics.smoothing.robust import cauchy_weights
 from recon.numerics.smoothing.stops import Blocks
 

@@ -16,11 +16,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.numerics.smoothing.constraints import Road
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.likelihood import SIZES, Likelihood, scaled_noise
 from recon.numerics.smoothing.model import Noise
+from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Solved
@@ -40,21 +42,38 @@ _HIGH: Final = 2.5
 """Bounds of the logarithms: a receiver that was taken for one of metres may be one of centimetres."""
 _STILL_FACTOR: Final = 1.25
 """The moving car is at least so much noisier than the standing one."""
+_FOLDING_HZ: Final = 15.0
+"""An IMU that is sampled faster sees enough of a vibration for it to average out."""
+_SIGMA_OF_MEDIAN: Final = 1.4826
+"""Of normal errors, by the median of their size."""
 _LASTING_S: Final = 20.0
-_ACROSS, _ACROSS_LIKE = np.array([0.05, 0.02]), 2.0
-"""m/s, sideways and upwards; what is expected of motion across the track, and how many means that is worth."""
+_ACROSS: Final = np.array([0.05, 0.02])
+"""m/s, sideways and upwards; what is expected of motion across the track."""
 _BELIEVED: Final = np.array([1.0, 2.5])
 """How many times its size is the sigma. What a body heaves the accelerometer feels, too, so that it looks like a scale
 error of the one that points up, which a smaller sigma would believe.
 """
 _ACROSS_LEAST, _ACROSS_MOST = 0.01, 0.3
 """m/s."""
-_BANK, _BANK_LIKE = float(np.radians(1.5)), 2.0
-"""rad; what is expected of the bank of a stretch, and how many means that is worth."""
+_BANK: Final = float(np.radians(1.5))
+"""rad; what is expected of the bank of a stretch."""
+_OF_PLACES: Final = 0.65
+"""Sigma of the logarithm of what is expected of roads and wheels: half, or twice as large, is usual."""
+_GRID: Final = np.linspace(-12.0, 8.0, 2001)
+"""Sigmas of a logarithm over which it is integrated."""
 _STRETCHES: Final = 5.0
-_STEPS: Final = 12
+"""Least number in a mean."""
+_SLOW_CURVATURE: Final = np.array([[0.2, 0.0, -0.09], [0.0, 0.1, -0.045], [-0.09, -0.045, 0.07]])
+_WALKS: Final = np.array([0.8, 0.05, 0.1, 0.05])
+"""Second derivatives of -log L a second of drive, slow error, and an interval between knots, noise and walks of the
+IMU: means of drives.
+"""
+_STEPS: Final = 25
 _ENOUGH: Final = 0.2
 """Decrease of -log L that a further step must promise."""
+_SETTLED: Final = 5.0
+"""The walks of the biases wait until the other sizes promise less: they would explain whatever is not yet explained."""
+_OF_WALKS: Final = np.arange(11) >= 9
 _FARTHEST: Final = 1.0
 """Longest step of a logarithm."""
 
@@ -66,6 +85,23 @@ def at_least_still(noise: Noise, still: tuple[float | None, float | None]) -> No
         gyro=max(noise.gyro, _STILL_FACTOR * (still[0] or 0.0)),
         accel=max(noise.accel, _STILL_FACTOR * (still[1] or 0.0)),
     )
+
+
+def at_least_folded(noise: Noise, samples: Samples) -> Noise:
+    """The noise to begin the search with, that of a slow IMU no smaller than what it jumps from sample to sample.
+
+    Below _FOLDING_HZ nothing of a vehicle's motion is so fast, but vibration that no filter took out is folded down to
+    it, tens of times the noise of a data sheet; from there the search would take it for walks of the biases. Second
+    differences of white noise have six times its variance; the median is not that of stops and bumps.
+    """
+    step_s = float(np.median(np.diff(samples.t_s)))
+    if step_s < 1.0 / _FOLDING_HZ:
+        return noise
+    gyro, accel = (
+        float(np.median(np.abs(np.diff(samples_s, 2, axis=0)))) * _SIGMA_OF_MEDIAN * np.sqrt(step_s / 6.0)
+        for samples_s in (samples.gyro_s, samples.accel_s)
+    )
+    return replace(noise, gyro=max(noise.gyro, gyro), accel=max(noise.accel, accel))
 
 
 def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, float | None]) -> Noise:
@@ -94,22 +130,39 @@ def bank_of_roads(lies: Road) -> float:
     """Sigma of the bank of a stretch of road: rad.
 
     What counts is how well a drive's mean is known, so means of _STRETCHES tell it, in which what lasts longer counts
-    in full. Their own mean is not seen, for the mounting takes it up. The prior is that of _BANK_LIKE means.
+    in full; of n stretches those of sqrt(n), for the longer the drive, the more what lasts shows (Flegal, Jones 2010).
+    Their own mean is not seen, for the mounting takes it up.
     """
-    block = np.floor(np.cumsum(lies.stretches) / _STRETCHES).astype(np.intp)
+    along = np.cumsum(lies.stretches)
+    batch = max(_STRETCHES, float(np.sqrt(lies.stretches.sum())))
+    block = np.floor(along / batch).astype(np.intp)
     rolled = np.bincount(block, lies.stretches)
-    counted = rolled > 0.5 * _STRETCHES
+    counted = rolled > 0.5 * batch
     mean = np.bincount(block, lies.stretches * lies.bank)[counted] / rolled[counted]
     size = float((mean**2 * rolled[counted]).sum())
     seen = max(int(counted.sum()) - 1, 0)
-    return float(np.sqrt((_BANK_LIKE * _BANK**2 + size) / (_BANK_LIKE + seen)))
+    return float(np.sqrt(expected_variance(size, seen, _BANK)))
+
+
+def expected_variance(size: float, count: int, usual: float) -> float:
+    """Posterior mean of a variance whose root is log-normal beforehand, with usual^2 for the mean of the variance.
+
+    An inverse gamma prior of the same width all but forbids what is much smaller than usual. The mean, and not the
+    likeliest one, makes squared errors in units of their sigma one on average, as of Student's form.
+
+    size : sum of `count` squares of normal values
+    """
+    logs = np.log(usual) + _OF_PLACES * (_GRID - _OF_PLACES)
+    chance = -count * logs - 0.5 * size * np.exp(-2.0 * logs) - 0.5 * _GRID**2
+    weight = np.exp(chance - chance.max())
+    return float(weight @ np.exp(2.0 * logs) / weight.sum())
 
 
 def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats) -> Floats:
     """Sigmas of motion across the wheels' track, sideways and upwards: (2,) m/s at one second.
 
     Camber and load make it last, so that the likelihood, which takes it for white, would believe it too small; a mean
-    over _LASTING_S counts what lasts in full. The prior is that of so many means, an inverse gamma one.
+    over _LASTING_S counts what lasts in full.
 
     residual : (2, n) in sigmas so_far (2,) m/s of the time that each stands for; t_s, seconds : (n,) when and how long
     """
@@ -118,7 +171,8 @@ def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats)
     counted = rolled > 0.5 * _LASTING_S
     sums = np.array([np.bincount(block, axis * np.sqrt(seconds)) for axis in residual]).reshape(2, -1)[:, counted]
     size = so_far**2 * (sums**2 / rolled[counted]).sum(axis=1)
-    found = np.sqrt((_ACROSS_LIKE * _ACROSS**2 + size) / (_ACROSS_LIKE + sums.shape[1]))
+    seen = sums.shape[1]
+    found = np.sqrt([expected_variance(float(s), seen, float(usual)) for s, usual in zip(size, _ACROSS, strict=True)])
     return np.asarray(np.clip(_BELIEVED * found, _ACROSS_LEAST, _ACROSS_MOST))
 
 
@@ -144,11 +198,15 @@ def _prior(logs: Floats) -> tuple[float, Floats]:
 
 
 def _curvature(likelihood: Likelihood) -> Floats:
-    """Rough second derivatives of the objective: what n residuals tell of their size, 2 n, less what others explain."""
+    """Rough second derivatives of the objective, (11, 11): what n residuals tell of their size, 2 n, less what others
+    explain. Of the slow error a drive tells best how fast it wanders, so that a larger one looks like a shorter one.
+    """
     length = likelihood.smoother.length
-    fixes = likelihood.counts * [1.0, 1.0, 2.0, 2.0]
-    slow = float(length.sum()) * np.array([0.2, 0.1, 0.07])
-    return np.concatenate([slow, fixes, np.array([0.8, 0.05, 0.1, 0.05]) * len(length)]) + 1.0 / _PRIOR**2
+    rough = np.diag(
+        np.concatenate([np.zeros(3), likelihood.counts * [1.0, 1.0, 2.0, 2.0], _WALKS * len(length)]) + 1.0 / _PRIOR**2
+    )
+    rough[:3, :3] += float(length.sum()) * _SLOW_CURVATURE
+    return rough
 
 
 def _least(objective: Callable[[Floats], tuple[float, Floats]], curvature: Floats, low: Floats, high: Floats) -> Floats:
@@ -157,19 +215,23 @@ def _least(objective: Callable[[Floats], tuple[float, Floats]], curvature: Float
     Nocedal and Wright (2006), 2nd ed., eq. 6.19. Four or five values suffice from a fair first curvature, where a
     library that must find it takes fifteen; each value is a whole factorisation.
     """
-    hessian = np.diag(curvature)
+    hessian = curvature
     here = np.clip(np.zeros_like(low), low, high)
     value, gradient = objective(here)
     for _ in range(_STEPS):
         held = ((here <= low) & (gradient > 0.0)) | ((here >= high) & (gradient < 0.0))
-        free = np.flatnonzero(~held)
-        step = np.zeros_like(here)
-        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
-        if -gradient @ step < _ENOUGH:
-            break
+        step = _newton(hessian, gradient, ~held & ~_OF_WALKS)
+        if -gradient @ step < _SETTLED:
+            step = _newton(hessian, gradient, ~held)
+            if -gradient @ step < _ENOUGH:
+                break
         step *= min(1.0, _FARTHEST / float(np.abs(step).max()))
         there = np.clip(here + step, low, high)
-        value_there, gradient_there = objective(there)
+        try:
+            value_there, gradient_there = objective(there)
+        except np.linalg.LinAlgError:  # too far off for a factorisation
+            hessian = 2.0 * hessian
+            continue
         change, moved = gradient_there - gradient, there - here
         if change @ moved > 0.0:
             pushed = hessian @ moved
@@ -180,3 +242,11 @@ def _least(objective: Callable[[Floats], tuple[float, Floats]], curvature: Float
         else:
             hessian = 2.0 * hessian
     return here
+
+
+def _newton(hessian: Floats, gradient: Floats, free: NDArray[np.bool_]) -> Floats:
+    """Newton's step in the free unknowns."""
+    index = np.flatnonzero(free)
+    step = np.zeros_like(gradient)
+    step[index] = -np.linalg.solve(hessian[np.ix_(index, index)], gradient[index])
+    return step

@@ -26,7 +26,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.signals import rolling_std, runs
+from recon.numerics.moving_window import rolling_std
+from recon.numerics.signals import runs
 from recon.numerics.smoothing.samples import Samples
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,8 @@ import pyarrow as pa
 
 from recon import ATTITUDE, IMU, Integrator, Params, Streams, build, hookimpl, matrix, quantity, seconds, time_ns
 from recon.errors import NotEnoughData
-from recon.numerics.rotation import compose, from_euler, from_rotvec
+from recon.numerics.rotation import from_euler, from_rotvec
+from recon.numerics.rotation_series import compose
 
 
 class TurnParams(Params):

@@ -18,7 +18,8 @@ from recon.schema import Need, group_of
 from recon.stages import Aligner
 from recon.tables import Array, matrix, replace, schema_of, time_ns
 from recon.testing.contract import law
-from recon.testing.drives import ACCEL_BIAS_S, drive, serve
+from recon.testing.drives import ACCEL_BIAS_S, drive
+from recon.testing.serving import serve
 from recon.testing.subject import Subject
 
 ROUNDING: Final = 1e-12

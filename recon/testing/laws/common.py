@@ -15,10 +15,11 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from recon.declaration import Stage
 from recon.errors import ContractError, ReconError, StageError
 from recon.recording import Recording
 from recon.schema import APPENDED, Change
-from recon.stages import Aligner, Executor, Exporter, Filter, Reader, Simulator, Stage
+from recon.stages import Aligner, Executor, Exporter, Filter, Reader, Simulator
 from recon.storage import read_recording, write_recording
 from recon.tables import meta, time_ns, vector, with_meta
 from recon.testing.contract import law

@@ -14,14 +14,16 @@ import pyarrow as pa
 
 from recon.errors import DataError
 from recon.knots import ATTITUDE, SIZE, Knots
-from recon.numerics.rotation import Floats, angle, from_euler, multiply, rotate, slerp, to_euler, to_matrix
+from recon.numerics.rotation import Floats, angle, from_euler, multiply, rotate, to_euler, to_matrix
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.recording import Recording
 from recon.schema import spread
 from recon.stages import Fuser
 from recon.tables import has, matrix, time_ns
 from recon.testing.contract import law
-from recon.testing.drives import Conditions, drive, serve
+from recon.testing.drives import Conditions, drive
+from recon.testing.serving import serve
 from recon.testing.subject import Subject
 
 ON_EARTH: Final = Conditions(earth=True, slow=1.0)

@@ -16,8 +16,9 @@ from recon.recording import Recording
 from recon.stages import Aligner, Fuser, Integrator, Simulator
 from recon.tables import has, matrix, seconds, time_ns
 from recon.testing.contract import law
-from recon.testing.drives import Conditions, drive, serve
+from recon.testing.drives import Conditions, drive
 from recon.testing.motions import CIRCLE, STAND
+from recon.testing.serving import serve
 from recon.testing.subject import Subject
 
 ROUNDING: Final = 1e-9

@@ -15,6 +15,7 @@ import numpy as np
 from recon.sensor_classes import SensorClass, typical
 from recon_fusers.map import MapParams
 from recon_simulators.drive_params import DriveParams
+from recon_simulators.presets import preset_value
 
 FIRST: Final = 6000
 TEN_MINUTES, HOUR = 600.0, 3600.0
@@ -53,6 +54,8 @@ class Size:
         return tuple(of(FIRST + i, length) for i in range(self.drives or usual))
 
 
+_LEAST_SIZE: Final = 1e-6
+"""In SI; a scale error that is not there has still a sigma."""
 _CLASSES: Final[Mapping[str, SensorClass]] = {"rtk": "automotive", "automotive": "automotive"}
 """Sensors whose class is told; the others are of the default."""
 _STUDY_ONE: Final = {
@@ -108,6 +111,25 @@ def _with_outages(sensors: str, length_s: float, **more: Any) -> Callable[[int, 
     return of
 
 
+_SIZES: Final = (
+    *(f"{sensor}_{what}" for sensor in ("gyro", "accel") for what in ("noise", "bias_walk", "bias", "scale")),
+    *(f"gnss_{what}" for what in ("horizontal", "vertical", "white_horizontal", "white_vertical")),
+    *("gnss_correlation", "gnss_velocity", "gnss_velocity_vertical"),
+)
+"""What simulator and fuser call by the same name: sigmas, noise densities and a time."""
+
+
+def _told_truly(of: Callable[[int, float], Job]) -> Callable[[int, float], Job]:
+    """The same drives with the size of every error told as it is drawn, so that nothing is left to learn of it."""
+
+    def told(number: int, seconds: float) -> Job:
+        job = of(number, seconds)
+        sizes = {name: max(preset_value(job.drive.sensors, name), _LEAST_SIZE) for name in _SIZES}
+        return replace(job, fuser=MapParams.model_validate({**sizes, "estimate_noise": False}))
+
+    return told
+
+
 def accuracy_cases(size: Size) -> list[Case]:
     """The rows of the tables of errors and of honesty."""
     coarse = {"gnss_vector": False, "gnss_speed_step": 1.0 / 3.6, "gnss_course_step": np.radians(1.0)}
@@ -115,6 +137,7 @@ def accuracy_cases(size: Size) -> list[Case]:
     named: list[tuple[str, int, float, Callable[[int, float], Job], Demand]] = [
         ("study_one, country, 60 min", 10, HOUR, kind("study_one", "country"), _STUDY_ONE),
         ("study_one, country, 10 min, two of three mounted anyhow", 24, TEN_MINUTES, _mounted_anyhow, _ANY_MOUNTING),
+        ("the same, true sizes of all errors told", 24, TEN_MINUTES, _told_truly(_mounted_anyhow), {}),
         ("study_two, mixed, 10 min", 20, TEN_MINUTES, kind("study_two", "mixed"), _STUDY_TWO),
         ("study_two, mixed, 60 min", 6, HOUR, kind("study_two", "mixed"), _STUDY_TWO_HOUR),
         ("study_two, mixed, 10 min, speed and course only", 20, TEN_MINUTES,

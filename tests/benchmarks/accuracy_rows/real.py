@@ -17,7 +17,8 @@ from peers.drives import Drive, Estimate, Noise, World
 from peers.scores import in_outage
 
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
-from recon.numerics.rotation import Floats, slerp, to_euler
+from recon.numerics.rotation import Floats, to_euler
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.parameters import NoParams
 from recon.sensor_classes import typical

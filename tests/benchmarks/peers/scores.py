@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.rotation import Floats, conjugate, multiply, slerp, to_rotvec
+from recon.numerics.rotation import Floats, conjugate, multiply, to_rotvec
+from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate
 
 from .drives import Drive, Estimate, Solve

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.integration import cumulative
-from recon.numerics.rotation import Floats, compose, conjugate, from_rotvec, rotate, slerp
-from recon.numerics.signals import rolling_std
+from recon.numerics.moving_window import rolling_std
+from recon.numerics.rotation import Floats, conjugate, from_rotvec, rotate
+from recon.numerics.rotation_series import compose, slerp
 
 from .drives import Drive
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import recon
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
-from recon.numerics.signals import moving_average
+from recon.numerics.moving_window import moving_average
 from recon.pipeline import Pipeline
 from recon.placing import rows_during
 from recon.tables import Array, matrix, meta, seconds, vector

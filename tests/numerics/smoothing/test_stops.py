@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from recon.numerics.signals import moving_average, runs
+from recon.numerics.moving_window import moving_average
+from recon.numerics.signals import runs
 from recon.numerics.smoothing.samples import Samples, regular_samples
 from recon.numerics.smoothing.stops import (
     Blocks,

@@ -1,0 +1,49 @@
+"""Texts for the reader of CSV files, read with a mapping, and how they are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recon.errors import ReadFailed
+from recon.parameters import bind
+from recon.problems import Where
+from recon.tables import Streams
+from recon.yaml_nodes import Node, load
+from recon_readers.csv import CsvParams, read
+
+IMU = "imu: {time: {column: t, format: relative}, accel: {columns: [ax, ay, az], unit: g}}"
+ROWS = "t,ax,ay,az\n0.00,0.1,0.2,1.0\n0.01,0.1,0.3,1.0\n0.02,0.2,0.2,1.0\n"
+
+
+def params_of(mapping: str, **form: Any) -> CsvParams:
+    node = Node.of({"columns": load(mapping, "mapping.yaml").plain(), **form}, Where("test"))
+    params, problems = bind(CsvParams, node, "reader.csv")
+    assert not problems, [problem.as_text() for problem in problems]
+    assert isinstance(params, CsvParams)
+    return params
+
+
+def read_text(folder: Path, text: str | bytes, mapping: str = IMU, name: str = "log.csv", **form: Any) -> Streams:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read(path=path, params=params_of(mapping, **form))
+
+
+def refusal(folder: Path, text: str | bytes, mapping: str = IMU, **form: Any) -> ReadFailed:
+    with pytest.raises(ReadFailed) as caught:
+        read_text(folder, text, mapping, **form)
+    assert "\n" not in caught.value.message
+    assert caught.value.hint
+    return caught.value
+
+
+def metrics_of(streams: Streams, name: str) -> list[dict[str, Any]]:
+    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
+
+
+def ns(text: str) -> int:
+    return int(np.datetime64(text, "ns").astype(np.int64))

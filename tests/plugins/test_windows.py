@@ -1,0 +1,28 @@
+"""A file in windows is the file: whatever a window cuts, the next one begins with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from recon_readers._windows import walk_through
+
+
+@pytest.mark.parametrize("size", [5, 7, 64, 4096])
+def test_records_come_whole_whatever_the_size_of_a_window(tmp_path: Path, size: int) -> None:
+    """Records of five bytes, and half a one at the end."""
+    records = [f"{number:05d}".encode() for number in range(20)]
+    (tmp_path / "log.bin").write_bytes(b"".join(records) + b"00")
+    seen, ends = [], []
+
+    def take(window: bytes, *, last: bool) -> int:
+        whole = len(window) // 5 * 5
+        seen.extend(window[at : at + 5] for at in range(0, whole, 5))
+        ends.append(last)
+        return whole
+
+    walk_through(tmp_path / "log.bin", size, take)
+    assert seen == records
+    assert ends.count(True) <= 1
+    assert not any(ends[:-1])
