@@ -15,8 +15,22 @@ from recon.tables import Streams
 from recon.yaml_nodes import Node, load
 from recon_readers.csv import CsvParams, read
 
+G = 9.80665
+NS = 1_000_000_000
 IMU = "imu: {time: {column: t, format: relative}, accel: {columns: [ax, ay, az], unit: g}}"
 ROWS = "t,ax,ay,az\n0.00,0.1,0.2,1.0\n0.01,0.1,0.3,1.0\n0.02,0.2,0.2,1.0\n"
+MAPPINGS = Path(__file__).parent / "plugins" / "csv_mappings"
+BOTH = """
+imu:
+  time: {column: t, format: relative}
+  accel: {columns: [ax, ay, az], unit: m/s^2}
+  gyro: {columns: [gx, gy, gz], unit: rad/s}
+gnss:
+  time: {column: t, format: relative}
+  lat: {column: lat}
+  lon: {column: lon}
+  speed: {column: v, unit: m/s}
+"""
 
 
 def params_of(mapping: str, **form: Any) -> CsvParams:
@@ -47,3 +61,15 @@ def metrics_of(streams: Streams, name: str) -> list[dict[str, Any]]:
 
 def ns(text: str) -> int:
     return int(np.datetime64(text, "ns").astype(np.int64))
+
+
+def drive(n: int = 400, every: int = 20, *, blank: bool = False) -> str:
+    """An IMU at 100 Hz and a receiver at 5 Hz whose values are repeated or blank in between."""
+    rng = np.random.default_rng(1)
+    lines = ["t,ax,ay,az,gx,gy,gz,lat,lon,v"]
+    for row in range(n):
+        last = row // every * every
+        place = f"{44.5 + 1e-5 * last:.6f},{11.3 + 1e-5 * last:.6f},{10 + 0.01 * last:.2f}"
+        values = ",".join(f"{value:.5f}" for value in [*(rng.normal([0, 0, 9.8])), *rng.normal(size=3) / 10])
+        lines.append(f"{row / 100:.2f},{values},{place if row == last or not blank else ',,'}")
+    return "\n".join(lines) + "\n"

@@ -14,6 +14,7 @@ from recon.errors import ReadFailed
 from recon.tables import Array, Streams
 from recon_readers.physycom import PhysycomParams, read
 
+G = 9.80665
 T0 = 518_716_448
 """8 June 2016, 16:54:08 in Bologna: summer time, so 14:54:08 UTC."""
 T0_UTC_NS = int(datetime(2016, 6, 8, 14, 54, 8, tzinfo=UTC).timestamp()) * 1_000_000_000
