@@ -1,62 +1,22 @@
+"""A pipeline is run: streams from step to step, exporters, and what each step is told."""
+
 from __future__ import annotations
 
-import os
-import pickle
-import sys
-from pathlib import Path
-
-import numpy as np
 import pyarrow as pa
 import pytest
-from helpers import clock, filter_of, gnss_table, imu_table, pipeline_of, run_steps, source_of
+from helpers import filter_of, gnss_table, imu_table, pipeline_of, run_steps, source_of
+from runner_stages import MADE, TWO, log_file, run_work, same, text_reader
 
 from recon.calling import call_exporter
 from recon.check import check
-from recon.errors import ConfigError, ContractError, DataError, NotEnoughData, ReadFailed, StageError
-from recon.parameters import Params, bind, quantity
-from recon.problems import Where
+from recon.errors import ContractError, DataError
 from recon.recording import Recording
 from recon.registry import Registry
 from recon.rows import Event, Metric, events, metrics, warning
 from recon.runner import run_pipeline
-from recon.schema import ANY, EVENTS, GNSS, IMU, METRICS, SAME, Change, Column, Need, by_step
-from recon.stages import Delegation, Exporter, Reader
-from recon.tables import append, build, matrix, meta, replace, schema_of, vector, with_meta
-from recon.yaml_nodes import Node
-
-MADE = source_of({"imu": imu_table()})
-TWO = pipeline_of("use: simulator.made", "use: filter.work")
-
-
-def same(*, imu, params):
-    return {"imu": imu}
-
-
-def raising(error):
-    def work(*, imu, params):
-        raise error
-
-    return filter_of(work, writes={"imu": SAME})
-
-
-def run_work(run, **declared):
-    return run_steps(TWO, MADE, filter_of(run, **{"writes": {"imu": SAME}, **declared}))
-
-
-def text_reader(*, name="log", writes=None):
-    """Reads one speed of each line."""
-
-    def read(path, params):
-        speed = np.loadtxt(path, ndmin=1)
-        return {"gnss": build(GNSS, time=clock(len(speed)), speed=speed), "metrics": metrics([Metric("lines", 1.0)])}
-
-    return Reader(name=name, summary="A log.", run=read, writes=writes or {"gnss": GNSS.only("speed")})
-
-
-def log_file(folder, *speeds, name="log.txt"):
-    path = folder / name
-    path.write_text("\n".join(str(speed) for speed in speeds), encoding="utf-8")
-    return path
+from recon.schema import ANY, EVENTS, GNSS, IMU, SAME, Change, Column, Need
+from recon.stages import Exporter
+from recon.tables import matrix, meta, replace, schema_of, vector, with_meta
 
 
 def test_a_returned_stream_replaces_the_one_of_its_name():
@@ -197,211 +157,6 @@ def test_progress_names_each_step_as_it_begins():
     assert told == [(0, 2, "simulator.made"), (1, 2, "filter.work"), (2, 2, "")]
 
 
-# --- what a stage returns -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("returned", "message"),
-    [
-        (None, "it did not return a mapping of stream names to Arrow tables"),
-        ({"imu": [1]}, "it did not return a mapping of stream names to Arrow tables"),
-        ({"imu": imu_table(), "mag": imu_table()}, "it returned the stream 'mag', which it does not declare"),
-        ({"imu": imu_table(), "imu_2": imu_table()}, "it returned the stream 'imu_2', which it does not declare"),
-        ({}, "it did not return the stream 'imu', which it declares"),
-        ({"imu": gnss_table()}, "stream 'imu': it returned ['speed'], which it does not declare and did not return"),
-    ],
-)
-def test_a_stage_that_breaks_its_contract(returned, message):
-    with pytest.raises(ContractError) as caught:
-        run_work(lambda *, imu, params: returned)
-    assert caught.value.message.startswith(f"step filter.work: {message}")
-    assert caught.value.exit_code == 5
-
-
-def test_a_reader_that_breaks_its_contract_is_named(tmp_path):
-    with pytest.raises(ContractError, match=r"step reader.log: it returned the stream 'gnss'"):
-        run_steps(
-            pipeline_of("use: reader.log"), text_reader(writes={"imu": IMU.possible()}), source=[log_file(tmp_path, 1)]
-        )
-
-
-def test_a_metric_that_is_not_finite_is_kept_in_the_table_alone():
-    outcome = run_work(lambda *, imu, params: {"imu": imu, "metrics": metrics([Metric("a", float("inf"), "s")])})
-    assert outcome.recording["metrics"]["value"].to_pylist() == [float("inf")]
-    assert outcome.reports[1].metrics == [{"name": "a", "unit": "s"}]
-
-
-# --- what a stage raises --------------------------------------------------------------------------------------------
-
-
-def test_an_unforeseen_error_becomes_a_stage_error_that_keeps_its_cause():
-    cause = ZeroDivisionError("division by zero")
-    with pytest.raises(StageError) as caught:
-        run_steps(TWO, MADE, raising(cause))
-    assert caught.value.__cause__ is cause
-    assert caught.value.step == "filter.work"
-    assert str(caught.value) == (
-        f"step filter.work: ZeroDivisionError: division by zero\n  this is a fault of {__name__}; '-v' shows where"
-    )
-    assert not isinstance(caught.value, ContractError)
-
-
-def test_a_simulator_that_fails_on_a_file_is_a_stage_error():
-    def run(params):
-        raise OSError(28, "No space left on device")
-
-    failing = type(MADE)(name="made", summary="Fails.", run=run, writes={"imu": IMU})
-    with pytest.raises(StageError, match=r"step simulator.made: OSError: \[Errno 28\]"):
-        run_steps(pipeline_of("use: simulator.made"), failing)
-
-
-def test_too_little_memory_is_said_in_words():
-    with pytest.raises(StageError, match=r"step filter.work: there is not enough memory"):
-        run_steps(TWO, MADE, raising(MemoryError()))
-
-
-def test_a_data_error_names_the_step_and_keeps_its_kind_and_facts():
-    with pytest.raises(NotEnoughData) as caught:
-        run_steps(TWO, MADE, raising(NotEnoughData("standstill", needed="2 s", found="0.5 s", hint="wait longer")))
-    assert str(caught.value) == ("step filter.work: not enough standstill: needs 2 s, found 0.5 s\n  wait longer")
-    assert caught.value.exit_code == 4
-    again = pickle.loads(pickle.dumps(caught.value))
-    assert (str(again), again.needed) == (str(caught.value), "2 s")
-
-
-def test_an_interruption_passes_through():
-    interruption = KeyboardInterrupt()
-    with pytest.raises(KeyboardInterrupt) as caught:
-        run_steps(TWO, MADE, raising(interruption))
-    assert caught.value is interruption
-
-
-@pytest.mark.parametrize("exit", [SystemExit(0), GeneratorExit()])
-def test_a_stage_that_exits_ends_its_step_and_not_the_program(exit):
-    with pytest.raises(StageError, match=type(exit).__name__):
-        run_steps(TWO, MADE, raising(exit))
-
-
-# --- sources --------------------------------------------------------------------------------------------------------
-
-
-def test_a_missing_file_is_told_with_its_path(tmp_path):
-    with pytest.raises(ReadFailed) as caught:
-        run_steps(pipeline_of("use: reader.log"), text_reader(), source=[tmp_path / "no.txt"])
-    assert str(caught.value) == f"{tmp_path / 'no.txt'}: there is no such file or folder"
-
-
-def test_a_folder_in_place_of_a_file_is_told_in_words(tmp_path):
-    def read(path, params):
-        return {"gnss": path.read_bytes()}
-
-    reader = Reader(name="log", summary="A log.", run=read, writes={"gnss": GNSS})
-    with pytest.raises(ReadFailed, match="it cannot be read: "):
-        run_steps(pipeline_of("use: reader.log"), reader, source=[tmp_path])
-
-
-def test_a_log_without_rows_is_refused_by_name(tmp_path):
-    reader = Reader(
-        name="log",
-        summary="A log.",
-        run=lambda path, params: {"imu": imu_table(0), "metrics": metrics([Metric("lines", 0.0)])},
-        writes={"imu": IMU},
-    )
-    with pytest.raises(DataError, match=r"empty.txt holds no rows"):
-        run_steps(pipeline_of("use: reader.log"), reader, source=[log_file(tmp_path, name="empty.txt")])
-
-
-def test_a_reader_without_file_and_a_simulator_with_one_are_refused(tmp_path):
-    with pytest.raises(DataError, match=r"step reader.log has no file to read"):
-        run_steps(pipeline_of("use: reader.log"), text_reader())
-    with pytest.raises(DataError, match=r"step simulator.made makes its own data and reads no file"):
-        run_steps(pipeline_of("use: simulator.made"), MADE, source=[tmp_path])
-
-
-# --- a reader whose files tell frames and quantities themselves -----------------------------------------------------
-
-
-def kept_reader(**streams):
-    return Reader(
-        name="kept",
-        summary="Kept streams.",
-        run=lambda path, params: dict(streams),
-        self_describing=True,
-        writes={"imu": IMU.open_ended(), "events": EVENTS.possible(), "metrics": METRICS},
-    )
-
-
-NEEDS_VEHICLE = filter_of(same, reads={"imu": IMU.need("accel", frame="vehicle")}, writes={"imu": SAME})
-KEPT = pipeline_of("use: reader.kept", "use: filter.work")
-
-
-def test_what_a_file_tells_of_itself_is_kept(tmp_path):
-    turned = build(IMU.only("accel", frame="vehicle"), time=clock(2), accel=np.zeros((2, 3)))
-    outcome = run_steps(KEPT, kept_reader(imu=turned), NEEDS_VEHICLE, source=[log_file(tmp_path, 1)])
-    assert schema_of(outcome.recording["imu"])["accel_x"].frame == "vehicle"
-
-
-def test_a_file_that_tells_another_frame_is_refused_before_any_step(tmp_path):
-    with pytest.raises(DataError, match=r"log.txt does not hold .* in frame 'vehicle'; here it is in frame 'sensor'"):
-        run_steps(KEPT, kept_reader(imu=imu_table()), NEEDS_VEHICLE, source=[log_file(tmp_path, 1)])
-
-
-def test_rows_of_an_earlier_run_keep_their_step_and_yield_to_the_same_step(tmp_path):
-    def earlier(step):
-        return build(by_step("metrics"), step=[step], name=["found"], value=[1.0])
-
-    def learn(*, imu, params):
-        return {"metrics": metrics([Metric("found", 2.0)])}
-
-    old = append(earlier("filter.work"), earlier("filter.other"))
-    stages = kept_reader(imu=imu_table(), metrics=old), filter_of(learn)
-    kept = run_steps(KEPT, *stages, source=[log_file(tmp_path, 1)]).recording["metrics"]
-    assert kept.select(["step", "value"]).to_pylist() == [
-        {"step": "filter.other", "value": 1.0},
-        {"step": "filter.work", "value": 2.0},
-    ]
-
-
-# --- a reader that hands over ---------------------------------------------------------------------------------------
-
-
-class Scale(Params):
-    scale: float = quantity(1.0, "m/s", gt=0, doc="Speed of one count.")
-
-
-def counts(path: Path, params: Scale):
-    speed = np.loadtxt(path, ndmin=1) * params.scale
-    return {"gnss": build(GNSS, time=clock(len(speed)), speed=speed)}
-
-
-def first_of_all(path, params, registry):
-    """Hands over to reader.counts, whatever the file."""
-    chosen = registry.get("reader.counts")
-    given = Node.of(params.readers.get(chosen.key, {}), Where(chosen.key))
-    bound, problems = bind(chosen.params, given, chosen.key)
-    if bound is None:
-        raise ConfigError(problems)
-    unused = [Metric("not_used", note=name) for name in params.readers if name != chosen.key]
-    return {**chosen.run(path=path, params=bound), "metrics": metrics(unused)}
-
-
-COUNTS = Reader(name="counts", summary="Counts.", run=counts, params=Scale, writes={"gnss": GNSS.only("speed")})
-FIRST = Reader(
-    name="first", summary="Hands over.", run=first_of_all, params=Delegation, writes={"gnss": GNSS.possible()}
-)
-
-
-def test_a_reader_that_hands_over_is_given_registry_and_parameters(tmp_path):
-    step = "{use: reader.first, params: {reader.counts: {scale: 3.6 km/h}, reader.log: {}}}"
-    outcome = run_steps(pipeline_of(step), FIRST, COUNTS, text_reader(), source=[log_file(tmp_path, 1, 5)])
-    assert vector(outcome.recording["gnss"], "speed").tolist() == [1.0, 5.0]
-    assert outcome.recording["metrics"]["note"].to_pylist() == ["reader.log"]
-    assert outcome.recording["metrics"]["step"].to_pylist() == ["reader.first"]
-
-
-# --- exporters ------------------------------------------------------------------------------------------------------
-
-
 def exported(run, folder, **declared):
     stage = Exporter(name="out", summary="Out.", run=run, **declared)
     plan, problems = check(pipeline_of("use: simulator.made", "use: exporter.out"), Registry.of(MADE, stage))
@@ -447,10 +202,3 @@ def test_stages_may_return_plain_arrow_tables():
     bare = pa.table({name: imu_table()[name] for name in imu_table().column_names})
     outcome = run_work(lambda *, imu, params: {"imu": bare})
     assert schema_of(outcome.recording["imu"]) == schema_of(imu_table())
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
-def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(ReadFailed, match="this is a device or a pipe"):
-        run_steps(pipeline_of("use: reader.log"), text_reader(), source=[tmp_path / "pipe"])
