@@ -36,8 +36,7 @@ from recon.numerics.geodesy import Anchor, enu_to_geodetic, geodetic_to_enu
 from recon.numerics.rotation import Floats, multiply, rotate
 from recon.placing import EARTHS, anchor_of
 from recon.rows import spans
-from recon.schema import spread
-from recon.tables import Array, matrix, meta, time_ns
+from recon.tables import matrix_or_nan, meta, time_ns
 
 SEGMENTS: Final = ((1.0, "s"), (10.0, "s"), (100.0, "m"))
 """Lengths over which relative errors are taken."""
@@ -212,13 +211,8 @@ def _combined(own: Floats, other: Floats) -> Floats:
 
 
 def _motion(table: pa.Table) -> Motion:
-    def group(name: str, width: int) -> Array:
-        there = len(spread(name, table.column_names)) == width
-        return matrix(table, name, gaps=True) if there else np.full((table.num_rows, width), np.nan)
-
-    vectors = [group(name, 3) for name in ("pos", "vel", "pos_std", "vel_std", "att_std")]
-    pos, vel, *sigmas = vectors
-    return Motion(time_ns(table), pos, vel, group("q", 4), *sigmas)
+    pos, vel, *sigmas = (matrix_or_nan(table, name) for name in ("pos", "vel", "pos_std", "vel_std", "att_std"))
+    return Motion(time_ns(table), pos, vel, matrix_or_nan(table, "q", 4), *sigmas)
 
 
 def _seen_from(trajectory: pa.Table, reference: pa.Table, motion: Motion) -> tuple[Motion, list[str]]:

@@ -79,6 +79,17 @@ def matrix(table: pa.Table, group: str, *, gaps: bool = False) -> Array:
     return out.T
 
 
+def vector_or_nan(table: pa.Table, name: str) -> Array:
+    """As `vector` with gaps: (n,), NaN throughout where the column is not there."""
+    return vector(table, name, gaps=True) if name in table.column_names else np.full(table.num_rows, np.nan)
+
+
+def matrix_or_nan(table: pa.Table, group: str, width: int = 3) -> Array:
+    """As `matrix` with gaps: (n, width), NaN throughout where the group is not there or not that wide."""
+    there = len(spread(group, table.column_names)) == width
+    return matrix(table, group, gaps=True) if there else np.full((table.num_rows, width), np.nan)
+
+
 def known_rows(table: pa.Table, *groups: str) -> NDArray[np.bool_]:
     """Rows with a number in every column of these groups: (n,) bool."""
     known = np.ones(table.num_rows, dtype=bool)

@@ -6,12 +6,11 @@ import json
 import re
 from typing import Any, Final
 
-import numpy as np
 import pyarrow as pa
 
-from recon import Array, has, matrix, meta, seconds, time_ns, vector
+from recon import has, meta, seconds, time_ns, vector
 from recon.numerics.doctor import Claims, Gnss, Imu, Log
-from recon.schema import spread
+from recon.tables import matrix_or_nan, vector_or_nan
 
 _FRD: Final = "logged along forward, right, down"
 _REPEATING, _BACKWARDS = "rows_of_one_time", "rows_out_of_order"
@@ -35,26 +34,16 @@ def log_of(
 def _imu(table: pa.Table | None, start: int) -> Imu | None:
     if table is None or not table.num_rows:
         return None
-    return Imu(seconds(table, since=start), _group(table, "accel"), _group(table, "gyro"))
+    return Imu(seconds(table, since=start), matrix_or_nan(table, "accel"), matrix_or_nan(table, "gyro"))
 
 
 def _gnss(table: pa.Table | None, start: int) -> Gnss | None:
     if table is None or not table.num_rows:
         return None
-    columns = {name: _column(table, name) for name in ("lat", "lon", "height", "speed", "course")}
+    columns = {name: vector_or_nan(table, name) for name in ("lat", "lon", "height", "speed", "course")}
     groups = {"vel_n": "vel", "pos_std": "pos_std", "vel_std": "vel_std"}
-    vectors = {name: _group(table, group) for name, group in groups.items()}
+    vectors = {name: matrix_or_nan(table, group) for name, group in groups.items()}
     return Gnss(t_s=seconds(table, since=start), **columns, **vectors)
-
-
-def _column(table: pa.Table, name: str) -> Array:
-    there = name in table.column_names
-    return vector(table, name, gaps=True) if there else np.full(table.num_rows, np.nan)
-
-
-def _group(table: pa.Table, name: str) -> Array:
-    there = len(spread(name, table.column_names)) == 3
-    return matrix(table, name, gaps=True) if there else np.full((table.num_rows, 3), np.nan)
 
 
 def claims_of(learnt: pa.Table | None, gnss: pa.Table | None, sensor_class: str) -> tuple[Claims, str]:

@@ -25,10 +25,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from recon.storage.mcap import MAGIC
+
 if TYPE_CHECKING:
     from mcap.records import ChunkIndex, McapRecord
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 CHUNK_MESSAGES: Final = 16384
 """About 4 MB before compression, of which a viewer holds a few at a time."""
 

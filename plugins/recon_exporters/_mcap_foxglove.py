@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.numerics.rotation import conjugate, rotate
-from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.tables import has, matrix, matrix_or_nan, meta, time_ns, vector, vector_or_nan
 from recon.units import duration_text
 from recon_exporters._mcap_file import Channel, fixed_binary
 from recon_exporters._mcap_protobuf import (
@@ -55,9 +55,8 @@ def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
         return None
     lat, lon = vector(table, "lat", gaps=True), vector(table, "lon", gaps=True)
     rows = np.flatnonzero(np.isfinite(lat) & np.isfinite(lon))
-    height = vector(table, "height", gaps=True) if has(table, "height") else np.full(len(lat), np.nan)
-    place = np.column_stack((lat, lon, height))[rows]
-    std = matrix(table, "pos_std", gaps=True)[rows] if has(table, "pos_std") else np.full((len(rows), 3), np.nan)
+    place = np.column_stack((lat, lon, vector_or_nan(table, "height")))[rows]
+    std = matrix_or_nan(table, "pos_std")[rows]
     known = np.asarray(np.isfinite(std).all(axis=1))
     variance = np.where(known[:, None], std, 0.0) ** 2
     t_ns = time_ns(table)[rows]
@@ -107,14 +106,10 @@ def pose_channels(stream: str, table: pa.Table, *, moves: bool) -> list[Channel]
 
     channels = [_channel(f"/{stream}/pose", "PoseInFrame", t_ns, in_frame)]
     if moves:
-        vel, gyro = _vectors(table, "vel")[rows], _vectors(table, "gyro")[rows]
+        vel, gyro = matrix_or_nan(table, "vel")[rows], matrix_or_nan(table, "gyro")[rows]
         channels.append(_channel("/tf", "FrameTransform", t_ns, transform))
         channels.append(_channel(f"/{stream}/odometry", "Odometry", t_ns, odometry))
     return channels if len(rows) else []
-
-
-def _vectors(table: pa.Table, group: str) -> Array:
-    return matrix(table, group, gaps=True) if has(table, group) else np.full((table.num_rows, 3), np.nan)
 
 
 def _pose(position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:

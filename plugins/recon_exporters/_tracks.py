@@ -28,7 +28,7 @@ from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.numerics.signals import interpolate, interpolate_angle
 from recon.parameters import Params, quantity, setting
 from recon.schema import EVENTS, GNSS, TRAJECTORY
-from recon.tables import Array, has, matrix, meta, select_rows, time_ns, vector
+from recon.tables import Array, has, matrix, meta, select_rows, time_ns, vector, vector_or_nan
 from recon_exporters._text_columns import DIGITS, PLACE_DIGITS, iso_8601
 
 UNITS: Final[Mapping[str, str]] = {
@@ -227,7 +227,7 @@ def _marks(events: pa.Table | None, table: pa.Table, max_gap: float) -> list[Mar
         return []
     begin, end, t_ns = time_ns(events), time_ns(events, "end_time"), time_ns(table)
     lat, lon = _places(table)
-    height = _known(vector(table, "height", gaps=True)) if has(table, "height") else np.full(len(t_ns), np.nan)
+    height = _known(vector_or_nan(table, "height"))
     lat, height = interpolate(begin, t_ns, np.column_stack((lat, height)), max_gap * _NS).T
     lon = np.degrees(interpolate_angle(begin, t_ns, np.radians(lon), max_gap * _NS))
     told = events.select([name for name in ("step", "value", "unit", "note") if name in events.column_names])

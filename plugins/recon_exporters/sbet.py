@@ -38,7 +38,7 @@ from recon.numerics.rotation import heading_from_yaw, to_euler
 from recon.parameters import NoParams
 from recon.schema import TRAJECTORY
 from recon.stages import Exporter
-from recon.tables import Array, has, matrix, meta, select_rows, time_ns, vector
+from recon.tables import Array, matrix, matrix_or_nan, meta, select_rows, time_ns, vector
 
 _FORWARD_RIGHT_DOWN: Final = (1.0, -1.0, -1.0)
 _DATUMS: Final = {"ellipsoid": "the WGS84 ellipsoid", "mean_sea_level": "mean sea level, which SBET does not expect"}
@@ -68,13 +68,9 @@ def _records(rows: pa.Table) -> Array:
     place = np.radians([vector(rows, "lat"), vector(rows, "lon")])
     attitude = (roll, -pitch, heading_from_yaw(yaw))
     still = np.zeros(rows.num_rows)
-    accel, gyro = (_vectors(rows, group) * _FORWARD_RIGHT_DOWN for group in ("accel", "gyro"))
-    columns = [_gps_seconds(rows), *place, vector(rows, "height"), *_vectors(rows, "vel").T, *attitude, still]
+    accel, gyro = (matrix_or_nan(rows, group) * _FORWARD_RIGHT_DOWN for group in ("accel", "gyro"))
+    columns = [_gps_seconds(rows), *place, vector(rows, "height"), *matrix_or_nan(rows, "vel").T, *attitude, still]
     return np.column_stack([*columns, *accel.T, *gyro.T])
-
-
-def _vectors(rows: pa.Table, group: str) -> Array:
-    return matrix(rows, group, gaps=True) if has(rows, group) else np.full((rows.num_rows, 3), np.nan)
 
 
 def _gps_seconds(rows: pa.Table) -> Array:

@@ -54,6 +54,7 @@ from recon.agreement import agreement, as_metrics
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.signals import differentiate
 from recon.placing import EARTHS, moment
+from recon.tables import vector_or_nan
 from recon_filters._plausible import drivable, reach, reported, scatter
 
 _ADDED = ("pos", "vel", "acc")
@@ -195,7 +196,7 @@ def _positions(gnss: pa.Table, rows: NDArray[np.intp], params: GnssKinematicsPar
 
 def _heights(gnss: pa.Table, rows: NDArray[np.intp]) -> tuple[Array, list[Metric]]:
     """Height of each fix: (m,) m. Missing ones are filled from their neighbours in time, and that is said."""
-    height = vector(gnss, "height", gaps=True)[rows] if "height" in gnss.column_names else np.full(len(rows), np.nan)
+    height = vector_or_nan(gnss, "height")[rows]
     known = np.isfinite(height)
     if known.all():
         return height, []

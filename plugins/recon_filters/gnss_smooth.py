@@ -52,6 +52,7 @@ from recon.numerics.geodesy import enu_to_geodetic
 from recon.numerics.signals import differentiate
 from recon.numerics.spline import smoothing_spline
 from recon.placing import EARTHS, anchor_of, rows_during
+from recon.tables import vector_or_nan
 
 _STIFFEST = 0.01
 """Of the density in motion, at rest: 1 cm/s^1.5 lets a spline that stands creep by 3 cm in 100 s."""
@@ -115,7 +116,7 @@ def gnss_smooth(*, gnss: pa.Table, events: pa.Table | None, params: GnssSmoothPa
 
 def _moving(gnss: pa.Table, events: pa.Table | None, rows: NDArray[np.intp], params: GnssSmoothParams) -> Moving:
     vel_n, sigma = np.zeros((len(rows), 3)), np.full((len(rows), 3), np.inf)
-    speed = vector(gnss, "speed", gaps=True)[rows] if has(gnss, "speed") else np.full(len(rows), np.nan)
+    speed = vector_or_nan(gnss, "speed")[rows]
     if has(gnss, "speed") and has(gnss, "course"):
         course = vector(gnss, "course", gaps=True)[rows]
         vel_n[:, 0], vel_n[:, 1] = speed * np.sin(course), speed * np.cos(course)

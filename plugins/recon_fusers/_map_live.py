@@ -142,7 +142,7 @@ class LiveMap:
         final = (at > self.given_ns) & (at <= at[-1] - round(lag * 1e9))
         if final.any():
             self.given_ns = int(at[final][-1])
-        self._move_on(found, observed, imu)
+        self._move_on(found, imu)
         return {"trajectory": select_rows(motion, final), "latest": motion.slice(motion.num_rows - 1)}
 
     def _append(self, name: str, new: pa.Table) -> None:
@@ -209,7 +209,7 @@ class LiveMap:
         self.guess = (knots_ns, found.solved.state)
         return found, observed
 
-    def _move_on(self, found: Estimate, observed: Observed, imu: pa.Table) -> None:
+    def _move_on(self, found: Estimate, imu: pa.Table) -> None:
         """Let the window begin later where it is long enough, and keep what its beginning told."""
         samples = found.smoother.drive.samples
         knots = samples.knot_times

@@ -14,6 +14,8 @@ from recon_readers._delimited import SPACE
 DELIMITERS: Final = {"tab": b"\t", "semicolon": b";", "comma": b",", "bar": b"|", "space": SPACE}
 """By name; of two that part a text equally well the first is taken."""
 NUMBER: Final = re.compile(rb"\s*[+-]?(?:\d++(?:[.,]\d*+)?|[.,]\d++)(?:[eE][+-]?\d++)?\s*")
+WITH_COMMA: Final = re.compile(rb"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
+"""A number whose decimal mark is a comma."""
 
 Record: TypeAlias = tuple[int, int, bytes]
 """Line number, offset and text of a record."""

@@ -18,12 +18,11 @@ import pyarrow as pa
 from recon.errors import ReadFailed
 from recon.problems import did_you_mean
 from recon.tables import Array
-from recon_readers._csv_records import DELIMITERS, Record, raw_fields, records
+from recon_readers._csv_records import DELIMITERS, WITH_COMMA, Record, raw_fields, records
 from recon_readers._delimited import BLANK, SPACE, single_spaces
 from recon_readers._text_blocks import Text
 
 _SHOWN: Final = 30
-_WITH_COMMA: Final = re.compile(rb"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
 _NUMBER_RE2: Final = r"^[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|(?i:inf(?:inity)?))$"
 
 
@@ -169,7 +168,7 @@ class Sheet:
     def no(self, row: int, index: int, value: str, what: str, hint: str = "") -> ReadFailed:
         """The error that a field is no number, or no time of its format."""
         shown = value if len(value) <= _SHOWN else f"{value[:_SHOWN]}..."
-        if self.decimal == "point" and what == "number" and _WITH_COMMA.fullmatch(value.encode()):
+        if self.decimal == "point" and what == "number" and WITH_COMMA.fullmatch(value.encode()):
             return self.refused(row, index, f"'{shown}' has a decimal comma", "set reader.csv's decimal to comma")
         text = f"{self.title(index)} is {shown!r}, which is no {what}"
         return self.refused(row, index, text, hint or "repair the line or delete it, or map another column")

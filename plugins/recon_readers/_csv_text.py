@@ -12,15 +12,24 @@ from pathlib import Path
 from typing import Final
 
 from recon.errors import ReadFailed
-from recon_readers._csv_records import DELIMITERS, NUMBER, Record, fields, is_row, raw_fields, records, width_of
+from recon_readers._csv_records import (
+    DELIMITERS,
+    NUMBER,
+    WITH_COMMA,
+    Record,
+    fields,
+    is_row,
+    raw_fields,
+    records,
+    width_of,
+)
 from recon_readers._csv_sheet import Sheet
+from recon_readers._lines import COPIED
 from recon_readers._text_blocks import HEAD_BYTES, Text, check_regular, not_text, unreadable
 
 MOST_COLUMNS: Final = 4096
 _LOOK_AT: Final = 200
-_WITH_COMMA: Final = re.compile(rb"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
 _WITH_POINT: Final = re.compile(rb"\s*[+-]?\d+\.\d+(?:[eE][+-]?\d+)?\s*")
-_CUT_HINT: Final = "check that the log was copied completely"
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,7 @@ def survey(path: Path, text: Text, form: Form, encoding: str = "UTF-8") -> Sheet
     if form.header:
         rows = [record for record in rows if record[0] > form.header]
     if not rows:
-        raise ReadFailed(path, "it holds no rows", hint=_CUT_HINT)
+        raise ReadFailed(path, "it holds no rows", hint=COPIED)
     delimiter, width = _shape(path, rows, form.delimiter)
     first, header = _header(top, rows, delimiter, width, form)
     if first is None:
@@ -63,7 +72,7 @@ def survey(path: Path, text: Text, form: Form, encoding: str = "UTF-8") -> Sheet
     names = tuple(_words(header[2].lstrip().removeprefix(comment), delimiter, width)) if header else ()
     end, cut_line = _whole_end(text, first, delimiter, width)
     if end <= first[1]:
-        raise ReadFailed(path, "its only row is cut off", line=first[0], hint=_CUT_HINT)
+        raise ReadFailed(path, "its only row is cut off", line=first[0], hint=COPIED)
     decimal = form.decimal if form.decimal != "auto" else _decimal(rows, delimiter)
     above = sum(record[1] < first[1] for record in rows) - (header in rows)
     return Sheet(
@@ -85,7 +94,7 @@ def _load(path: Path, encoding: str) -> tuple[Text, str]:
                 what = f"it cannot be read as {name}: {reason}"
                 raise ReadFailed(path, what, hint="set reader.csv's encoding") from error
     if not text.head.strip():
-        raise ReadFailed(path, "the file is empty", hint=_CUT_HINT)
+        raise ReadFailed(path, "the file is empty", hint=COPIED)
     fault = not_text(text.head[:HEAD_BYTES])
     if fault:
         raise ReadFailed(path, fault[0], hint=fault[1])
@@ -148,7 +157,7 @@ def _decimal(rows: Sequence[Record], delimiter: str) -> str:
     if delimiter == "comma" or not any(b"," in text for _, _, text in rows):
         return "point"
     parts = [part for _, _, text in rows for part in fields(text, delimiter)]
-    commas = sum(bool(_WITH_COMMA.fullmatch(part)) for part in parts)
+    commas = sum(bool(WITH_COMMA.fullmatch(part)) for part in parts)
     return "comma" if commas > sum(bool(_WITH_POINT.fullmatch(part)) for part in parts) else "point"
 
 

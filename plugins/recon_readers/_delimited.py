@@ -1,7 +1,7 @@
 """Text files of numbers in columns that tabs or spaces part, read columnar; every complaint names line and column.
 
-The file is taken in two steps: `survey` finds separator, width, header and a last
-row that was cut off, `parse` turns the rows into Arrow columns. Only where that fails are lines looked at one by one.
+The file is taken in two steps: `survey` finds separator, width, header and a last row that was cut off, `parse` turns
+the rows into Arrow columns. Only where that fails are lines looked at one by one.
 
 The first column is a time in seconds. It is read as a decimal of 18 places and cut to whole nanoseconds, never through
 a double, which at 5e8 s resolves 60 ns.
@@ -30,7 +30,7 @@ TAB: Final = b"\t"
 SPACE: Final = b" "
 
 BLANK: Final = ("", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "null", "NULL", "NA", "N/A")
-_BLANK_BYTES: Final = frozenset(text.encode() for text in BLANK)
+BLANK_BYTES: Final = frozenset(text.encode() for text in BLANK)
 _NUMBER: Final = re.compile(rb"[+-]?(?:(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?|(?i:inf(?:inity)?))")
 _TIME: Final = re.compile(rb"[+-]?(?:\d{1,18}(?:\.\d{0,18})?|\.\d{1,18})(?:[eE][+-]?\d\d?)?")
 _DECIMAL_COMMA: Final = re.compile(rb"[+-]?\d+,\d+")
@@ -267,7 +267,7 @@ def _fault_in(found: Survey, names: Sequence[str], number: int, line: bytes) -> 
         what = f"a row of {len(parts)} columns among rows of {found.width}"
         return ReadFailed(found.path, what, line=number, hint="repair the line or delete it")
     for index, part in enumerate(parts):
-        if part in _BLANK_BYTES or (_NUMBER if index else _TIME).fullmatch(part):
+        if part in BLANK_BYTES or (_NUMBER if index else _TIME).fullmatch(part):
             continue
         column = _offset(line, found.separator, index) + 1
         shown = part[:_SHOWN].decode("ascii", "replace")

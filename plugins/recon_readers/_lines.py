@@ -20,12 +20,11 @@ from recon.errors import ReadFailed
 from recon.rows import Metric, warning
 from recon.tables import vector
 from recon_readers._columns import Columns
-from recon_readers._delimited import BLANK
+from recon_readers._delimited import BLANK, BLANK_BYTES
 from recon_readers._text_blocks import Text
 from recon_readers._time_text import TIME_TYPE, whole_ns
 
 COPIED: Final = "check that the log was copied completely"
-_BLANK: Final = frozenset(text.encode() for text in BLANK)
 _NUMBER: Final = re.compile(rb"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?")
 _TIME: Final = re.compile(rb"[+-]?(?:\d{1,18}(?:\.\d{0,18})?|\.\d{1,18})")
 _SPACES: Final = re.compile(rb"  +")
@@ -180,7 +179,7 @@ def _made(
 
 def _fits(part: bytes, kind: pa.DataType | None) -> bool:
     """Can a field be read as the type of its column, None where it is not wanted?"""
-    if kind is None or part in _BLANK:
+    if kind is None or part in BLANK_BYTES:
         return True
     if kind == pa.string():
         return part.isascii()

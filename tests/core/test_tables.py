@@ -14,6 +14,7 @@ from recon.tables import (
     conform,
     has,
     matrix,
+    matrix_or_nan,
     measured_axes,
     meta,
     replace,
@@ -23,6 +24,7 @@ from recon.tables import (
     time_ns,
     times,
     vector,
+    vector_or_nan,
     with_meta,
 )
 
@@ -83,6 +85,15 @@ def test_matrix_gathers_a_group_in_canonical_order():
     assert matrix(imu_table(2), "gyro").tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
     with pytest.raises(KeyError, match="mag"):
         matrix(imu_table(), "mag")
+
+
+def test_what_is_not_there_is_nan_in_every_row():
+    table = imu_table(3)
+    np.testing.assert_array_equal(matrix_or_nan(table, "gyro"), matrix(table, "gyro"))
+    np.testing.assert_array_equal(vector_or_nan(table, "gyro_x"), vector(table, "gyro_x"))
+    np.testing.assert_array_equal(matrix_or_nan(table, "q", 4), np.full((3, 4), np.nan))
+    np.testing.assert_array_equal(matrix_or_nan(table.drop_columns(["gyro_x"]), "gyro"), np.full((3, 3), np.nan))
+    np.testing.assert_array_equal(vector_or_nan(table, "lat"), np.full(3, np.nan))
 
 
 def test_axes_that_nobody_measured_count_as_zero_and_are_named():

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from recon.numerics.motion.drive import Drive, Segment
+from recon.numerics.motion.drive import Drive, Segment, duration_of
 
 # m/s^2: largest acceleration, deceleration and lateral acceleration of an ordinary driver; deceleration of a skid.
 _LAUNCH, _BRAKE, _CORNER, _SKID = 2.0, 3.0, 2.5, 8.0
@@ -122,12 +122,12 @@ def stop_and_go(duration_s: float, rng: np.random.Generator, rest_s: float = 10.
         stretch = _stretch(rng, speed)
         end_speed = stretch[-1].speed
         brake = [_change(end_speed, 0.0)] if end_speed else []
-        if elapsed_s + _duration(stretch) + _duration(brake) + _SHORTEST_STOP_S > duration_s:
+        if elapsed_s + duration_of(stretch) + duration_of(brake) + _SHORTEST_STOP_S > duration_s:
             break
         segments += stretch
-        elapsed_s, speed = elapsed_s + _duration(stretch), end_speed
+        elapsed_s, speed = elapsed_s + duration_of(stretch), end_speed
     closing = [_change(speed, 0.0)] if speed else []
-    return Drive((*segments, *closing, Segment(duration_s - elapsed_s - _duration(closing), 0.0)))
+    return Drive((*segments, *closing, Segment(duration_s - elapsed_s - duration_of(closing), 0.0)))
 
 
 def _stretch(rng: np.random.Generator, speed: float) -> list[Segment]:
@@ -177,7 +177,3 @@ def _bend(angle: float, radius: float, speed: float) -> list[Segment]:
 def _hump(speed: float, slope: float, part_s: float) -> list[Segment]:
     """Into a slope, along it, and back to level road, each in `part_s`."""
     return [Segment(part_s, speed, slope=slope), Segment(part_s, speed, slope=slope), Segment(part_s, speed)]
-
-
-def _duration(segments: Iterable[Segment]) -> float:
-    return sum(segment.duration_s for segment in segments)

@@ -22,7 +22,7 @@ its y axis, positive nose down.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,6 +59,11 @@ class Segment:
     slope: float = 0.0
     bank: float = 0.0
     dive: float = 0.0
+
+
+def duration_of(segments: Iterable[Segment]) -> float:
+    """How long segments last together: s."""
+    return sum(segment.duration_s for segment in segments)
 
 
 @dataclass(frozen=True)

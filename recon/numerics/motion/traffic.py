@@ -16,7 +16,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from recon.numerics.motion.drive import Drive, Segment
+from recon.numerics.motion.drive import Drive, Segment, duration_of
 
 Stretch: TypeAlias = list[Segment]
 
@@ -61,16 +61,16 @@ def traffic(kind: str, duration_s: float, rng: np.random.Generator, rest_s: floa
     segments, elapsed_s, speed, misses = [Segment(rest_s, 0.0)], rest_s, 0.0, 0
     while elapsed_s < duration_s and misses < _TRIES:
         stretch = _STRETCHES[str(rng.choice(list(shares), p=list(shares.values())))](speed, rng)
-        halt_s = _length_s(_halt(stretch[-1].speed)) + _HALT_S
-        if elapsed_s + _length_s(stretch) + halt_s > duration_s and kind != "nonstop":
+        halt_s = duration_of(_halt(stretch[-1].speed)) + _HALT_S
+        if elapsed_s + duration_of(stretch) + halt_s > duration_s and kind != "nonstop":
             misses += 1
             continue
         segments += stretch
-        elapsed_s, speed = elapsed_s + _length_s(stretch), stretch[-1].speed
+        elapsed_s, speed = elapsed_s + duration_of(stretch), stretch[-1].speed
     if not any(segment.speed for segment in segments):
         raise ValueError(f"a drive of {duration_s:g} s that rests for {rest_s:g} s never moves")
     closing = _halt(speed)
-    left_s = duration_s - elapsed_s - _length_s(closing)
+    left_s = duration_s - elapsed_s - duration_of(closing)
     return Drive(tuple(_on_roads([*segments, *closing, Segment(max(left_s, _HALT_S), 0.0)], rng)))
 
 
@@ -94,7 +94,7 @@ def ferry(duration_s: float, rng: np.random.Generator, rest_s: float = 30.0) -> 
         Segment(0.2 * crossing_s, 0.0),
         Segment(_DECK_S, 0.0),
     ]
-    start_s, ship_s = _length_s(on_board), _length_s(ship)
+    start_s, ship_s = duration_of(on_board), duration_of(ship)
     ashore = _town(duration_s - start_s - ship_s, rng, _HALT_S)
     return Drive((*on_board, *ship, *ashore)), (start_s, start_s + ship_s)
 
@@ -244,7 +244,3 @@ def _next(value: float, sigma: float, fade: float, rng: np.random.Generator) -> 
 
 def _side(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
-
-
-def _length_s(segments: Sequence[Segment]) -> float:
-    return sum(segment.duration_s for segment in segments)
