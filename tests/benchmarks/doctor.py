@@ -2,10 +2,10 @@
 
     python tests/benchmarks/doctor.py [--clean 200] [--seeds 50] [--workers 2]
 
-Clean drives have every preset of sensors and every kind of road, boxes mounted at any angle or lined up to a few
-degrees. A box at any angle is drawn so that none of its axes happens to point up: that would be a finding, and true.
-A fault counts as found if its code is contradicted with the value that was put in, within the tolerance that stands
-beside it. Prints two tables in Markdown.
+Clean drives have every preset of sensors but the phone's and every kind of road, boxes mounted at any angle or lined up
+to a few degrees. A box at any angle is drawn so that none of its axes happens to point up: that would be a finding, and
+true. A fault counts as found if its code is contradicted with the value that was put in, within the tolerance that
+stands beside it. Prints two tables in Markdown.
 """
 
 from __future__ import annotations
