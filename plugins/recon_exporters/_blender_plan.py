@@ -37,7 +37,7 @@ from recon.numerics.rotation_series import sign_continuous
 from recon.numerics.signals import differentiate, median_rate
 from recon.placing import about_anchor, anchor_of
 from recon.rows import spans
-from recon.tables import Array, matrix, meta, time_ns
+from recon.tables import Array, matrix, matrix_or_nan, meta, time_ns
 from recon_exporters._blender_events import Json, captions, force, happenings, markers
 from recon_exporters._blender_film import Film, SceneParams, Times, film_of, keyed_rows
 from recon_exporters._blender_shapes import fixes_of, ground_of, path_of
@@ -151,8 +151,7 @@ def motion_of(trajectory: pa.Table) -> Motion:
     known = np.flatnonzero(np.isfinite(np.hstack((position, q, velocity))).all(axis=1))
     if not len(known):
         raise NothingToExport("no row of trajectory has a position, an attitude and a velocity")
-    there = "pos_std_e" in trajectory.column_names
-    std = matrix(trajectory, "pos_std", gaps=True)[known] if there else np.full((len(known), 3), np.nan)
+    std = matrix_or_nan(trajectory, "pos_std")[known]
     return Motion(time_ns(trajectory)[known], position[known], q[known], velocity[known], std)
 
 

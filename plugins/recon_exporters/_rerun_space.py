@@ -7,7 +7,7 @@ Rows that no position about the common anchor is known of are left out.
     world/<stream>/path    the way, in pieces without a gap          map/<stream>/path    the same on the Earth
     world/<stream>/body    pose at every row: box and axes           map/<stream>/now     place at every row
     world/<stream>/body/sensor   axes of the box, as it was found to be mounted
-    world/<gnss>, map/<gnss>     every fix
+    world/<gnss>           every fix                                 map/<gnss>/fixes, map/<gnss>/now
 """
 
 from __future__ import annotations

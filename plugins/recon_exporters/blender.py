@@ -224,7 +224,8 @@ def _handover(film: Film, ends: list[int], params: BlenderParams) -> Json | None
     if not params.solver:
         return None
     if not ends:
-        raise NothingToExport("solver: no event of kind 'crash' begins in the film", "detector.shock finds them")
+        text = "solver: no event of kind 'crash' begins in the film"
+        raise NothingToExport(text, "detector.crash and detector.shock find them")
     share = params.fps * np.diff(film.seconds) / np.diff(film.frames)
     pace = np.column_stack((np.column_stack((film.frames[:-1], film.frames[1:] - STEP)).ravel(), np.repeat(share, 2)))
     return {

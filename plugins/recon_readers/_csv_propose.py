@@ -32,7 +32,10 @@ _SAMPLE_BYTES: Final = 4_000_000
 
 @dataclass
 class Proposal:
-    """A stream while it is put together: lines that belong to the stream, and its groups."""
+    """A stream while it is put together.
+
+    time : where its times come from; facts : lines of YAML that belong to the whole stream, each with its reason
+    """
 
     time: TimeLook
     facts: list[tuple[str, str]] = field(default_factory=list)
@@ -66,7 +69,7 @@ def _one_line(line: str) -> str:
 
 
 def in_shell(path: Path) -> str:
-    """A path as it is typed."""
+    """A path as it is typed on a command line: in quotes where it holds more than letters, digits, . / and -."""
     return f'"{path}"' if re.search(r"[^\w./-]", str(path)) else str(path)
 
 

@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
 _SERIALIZATIONS: Final[Mapping[str, Serialization]] = {"ros1": "ros1", "cdr": "cdr"}
-_FOREIGN: Final = "height_datum"
-"""A fact that recon writes into the metadata of a channel."""
+_DATUM: Final = "height_datum"
+_DATUMS: Final = ("mean_sea_level", "ellipsoid")
+"""A fact that exporter.mcap writes into the metadata of a channel, and what it may say."""
 
 
 def take_in(path: Path, intake: Intake) -> None:
@@ -43,7 +44,7 @@ def take_in(path: Path, intake: Intake) -> None:
     from mcap.records import Channel, Message, Schema
 
     schemas: dict[int, Schema] = {}
-    channels: dict[int, _topics.Channel | None] = {}
+    channels: dict[int, _topics.Channel] = {}
     damaged, taken = 0, 0
     with Clipped(path.open("rb", buffering=0)) as file:
         for record in whole_records(file, path.stat().st_size):
@@ -63,19 +64,16 @@ def take_in(path: Path, intake: Intake) -> None:
         intake.learnt += [Metric("damaged_places", float(damaged), note=path.name), warning(text)]
 
 
-def _channel(channel: Channel, schema: Schema | None, intake: Intake) -> _topics.Channel | None:
-    """The channel, or None where its messages cannot be read."""
+def _channel(channel: Channel, schema: Schema | None, intake: Intake) -> _topics.Channel:
+    """The channel; one whose messages cannot be read gives no numbers, and a warning that says why."""
     name = schema.name if schema is not None else ""
-    facts = {_FOREIGN: channel.metadata[_FOREIGN]} if channel.metadata.get(_FOREIGN) in _DATUMS else {}
+    facts = {_DATUM: channel.metadata[_DATUM]} if channel.metadata.get(_DATUM) in _DATUMS else {}
     try:
         parts, language = _language(channel.message_encoding, schema, channel.topic, intake)
     except ValueError as error:
         intake.learnt.append(warning(f"{channel.topic} is not read: {error}"))
         parts, language = [], Language(unread, ("", ""))
     return intake.channel(channel.topic, name or channel.message_encoding, parts, language, **facts)
-
-
-_DATUMS: Final = ("mean_sea_level", "ellipsoid")
 
 
 def _language(
@@ -117,7 +115,10 @@ def unread(messages: Sequence[bytes], paths: Collection[str]) -> tuple[dict[str,
 def _one_by_one(
     parse: Callable[[bytes], Any], step: Callable[[Any, str], Any], messages: Sequence[bytes], paths: Collection[str]
 ) -> tuple[dict[str, Array], Mask]:
-    """Numbers of messages that a library reads one at a time; they are kept as numbers, not as objects."""
+    """As `Language.read`, of messages that a library reads one at a time; they are kept as numbers, not as objects.
+
+    parse : a message as an object; step : the member of an object that has this name
+    """
     routes = {path: _route(path) for path in paths}
     values = {path: array("d") for path in paths}
     whole = np.zeros(len(messages), dtype=bool)

@@ -33,7 +33,7 @@ from typing import Any, Final
 
 from recon.units import parse_quantity, si_unit
 
-_NONE: Final[Mapping[str, Any]] = {
+_PERFECT: Final[Mapping[str, Any]] = {
     "imu_rate": "100 Hz",
     "accel_noise": "0 ug/sqrt(Hz)",
     "gyro_noise": "0 deg/s/sqrt(Hz)",
@@ -83,7 +83,7 @@ _NONE: Final[Mapping[str, Any]] = {
     "mag_disturbance": ("10 uT", "60 uT"),
     "mag_disturbance_length": ("2 s", "10 s"),
 }
-"""Every value that a preset gives, here without error."""
+"""Every value that a preset gives, here without error; a preset names those that it has otherwise."""
 
 _CONSUMER_IMU: Final = {
     "accel_noise": "180 ug/sqrt(Hz)",
@@ -262,16 +262,19 @@ _PRESETS: Final[Mapping[str, Mapping[str, Any]]] = {
 }
 
 PRESETS: Final = tuple(_PRESETS)
-NAMES: Final = tuple(_NONE)
-"""The parameters that a preset gives."""
+NAMES: Final = tuple(_PERFECT)
+"""The parameters of simulator.drive that a preset gives."""
 
 PLACED_OUTAGES: Final[Mapping[str, tuple[tuple[float, float], ...]]] = {"study_one": ((0.35, 30.0), (0.70, 60.0))}
 """Outages that stand at a fraction of the record, with their length in s."""
 
 
 def preset_value(preset: str, name: str) -> Any:
-    """One value in SI: a number, or a tuple of them. Raises KeyError for an unknown preset or name."""
-    return _si(_PRESETS[preset].get(name, _NONE[name]))
+    """One value in SI: a number, or a tuple of them.
+
+    preset : one of PRESETS; name : one of NAMES. Raises KeyError for any other.
+    """
+    return _si(_PRESETS[preset].get(name, _PERFECT[name]))
 
 
 def _si(value: Any) -> Any:

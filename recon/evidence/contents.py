@@ -18,7 +18,9 @@ from recon.registry import Source
 from recon.requirement import FIRST_PARTY
 
 NUMBER: Final = 1
+"""Of the form of a seal: one with a higher number is refused, for a newer recon made it."""
 MARK: Final = "recon_seal"
+"""Key of that number in versions.json."""
 
 SUMS: Final = "SHA256SUMS"
 README: Final = "README.txt"
@@ -31,6 +33,7 @@ EXPORTS: Final = "exports"
 
 _NO_CODE: Final = (".pyc", ".md", ".png")
 _KEPT: Final = ("python", "packages", "arithmetic")
+"""Of a manifest's environment; the rest tells the machine."""
 _REQUIREMENT: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 _TEXT: Final = """\

@@ -145,6 +145,8 @@ def _bytes_of(entry: Entry, use: Callable[[IO[bytes]], Any]) -> Any:
     try:
         with entry.open() as source:
             return use(source)
+    except MemoryError:  # says nothing of the file
+        raise
     except Exception as error:  # whatever zipfile raises for a header that is damaged: BadZipFile, EOFError, struct
         raise Difference(f"{entry.name} was changed, or its header in the archive: {error}") from error
 

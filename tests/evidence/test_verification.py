@@ -19,7 +19,8 @@ from recon import api, evidence
 from recon.arithmetic import Arithmetic
 from recon.cli import main
 from recon.errors import ConfigError, Difference, PluginNotFound, ReadFailed, StageError, StorageError
-from recon.evidence import replay
+from recon.evidence import archive, replay
+from recon.evidence.verification import check_bytes
 from recon.registry import Registry
 
 
@@ -75,6 +76,15 @@ def test_a_machine_without_room_for_the_run_is_no_difference(sealed, monkeypatch
     monkeypatch.setattr(api, "execute", too_small)
     with pytest.raises(StorageError if kind == "disk" else StageError, match="no room"):
         evidence.verify(sealed)
+
+
+def test_too_little_memory_is_not_called_a_change(sealed, monkeypatch):
+    def too_large(source):
+        raise MemoryError
+
+    monkeypatch.setattr(archive, "digest", too_large)
+    with archive.opened(sealed) as entries, pytest.raises(MemoryError):
+        check_bytes(sealed, entries)
 
 
 VERIFIED_WITHOUT_ROOM = """

@@ -1,6 +1,6 @@
 """Cameras, and what they show beside the scene: speed, time, and what the colours of the path mean.
 
-follow     behind and above the vehicle, on a path of its own     top        60 m from above, north up, with the vehicle
+follow     behind and above the vehicle, on a path of its own     top        60 m of ground from above, north up
 driver     at the windscreen                                      overview   the whole path from above, north up
 """
 

@@ -36,12 +36,12 @@ class Task:
 
 
 def no_log(given: Any) -> str:
-    """Is there a log?"""
+    """What has to be given before a log can be reconstructed; "" where it is there."""
     return "" if given.log and absolute(given.log).exists() else "Choose a log first"
 
 
 def no_run(given: Any) -> str:
-    """Is there a run?"""
+    """What has to be given before a run can be shown; "" where it is there."""
     there = given.result and (absolute(given.result) / "manifest.json").is_file()
     return "" if there else "Choose the folder of a finished run first: it holds manifest.json"
 
