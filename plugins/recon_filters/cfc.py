@@ -83,7 +83,7 @@ def _doubts(steps: np.ndarray, cuts: np.ndarray, rate_hz: float, params: CfcPara
     if rate_hz < (1.0 - 1e-3) * least:  # times of whole nanoseconds round the rate
         yield warning(
             f"CFC {params.channel_class} wants {least:.0f} samples per second, here are {rate_hz:.0f}: "
-            "what was faster than half of that may be folded into the pulse"
+            "what was faster than half of that may be aliased into the pulse"
         )
     within = np.delete(steps, cuts - 1) * 1e-9 * rate_hz
     if len(within) and np.abs(within - 1.0).max() > _IRREGULAR:

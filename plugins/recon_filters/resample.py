@@ -9,9 +9,9 @@ attitude and trajectory, comes along; gnss and mag where asked for. Angles take 
 attitudes turn at a constant rate, counts and codes hold their last value. Nothing is invented: no value outside the
 span of a group's samples, none inside a gap longer than `max_gap`.
 
-A time base slower than the samples of a column would fold vibration into the band that it keeps. There the value is the
+A time base slower than the samples of a column would alias vibration into its band. There the value is the
 mean of y over one period of it about t: the integral, which is what is wanted of an imu, is conserved, and what is
-folded is damped by sinc(f / rate), by 13 dB at least beyond the new rate. Averaged are imu and mag alone.
+aliased is damped by sinc(f / rate), by 13 dB at least beyond the new rate. Averaged are imu and mag alone.
 
 References
     Shoemake (1985), "Animating rotation with quaternion curves", SIGGRAPH 85, 245-254: attitudes.

@@ -32,7 +32,7 @@ def gauss_markov(shape: tuple[int, int], rate_hz: float, correlation_s: float, r
 def in_band(shape: tuple[int, int], rate_hz: float, band_hz: tuple[float, float], rng: np.random.Generator) -> Floats:
     """White noise between two frequencies, one per column; where the sampling is too slow for it, plainly white.
 
-    A sensor slower than a vibration sees it folded back to frequencies all over its own band.
+    A sensor slower than a vibration sees it aliased to frequencies all over its own band.
     """
     white = rng.standard_normal(shape)
     low, high = band_hz[0], min(band_hz[1], _HIGHEST * rate_hz)

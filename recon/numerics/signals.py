@@ -94,7 +94,7 @@ def interpolate(t_new: ArrayLike, t: ArrayLike, y: ArrayLike, max_gap: float | N
 def interval_mean(t_new: ArrayLike, t_ns: ArrayLike, y: ArrayLike, width_s: float, max_gap_s: float) -> Floats:
     """Mean, over an interval about each new time, of the line through the samples: what a lower rate shall hold.
 
-    Means a width apart conserve the integral, and what is too fast for the new rate is damped before it is folded.
+    Means a width apart conserve the integral, and what is too fast for the new rate is damped before it is aliased.
     At the ends, and beside gaps longer than max_gap_s, the interval shrinks symmetrically, so a straight line passes
     unchanged. NaN samples are skipped, column by column.
 

@@ -20,7 +20,7 @@ from recon.numerics.smoothing.alignment import flip_needed
 from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
 from recon.numerics.smoothing.earth import level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
-from recon.numerics.smoothing.noise import at_least_folded, at_least_still, likely_noise
+from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, likely_noise
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
@@ -142,7 +142,7 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     part = smoother if whole else _part(smoother, chosen, start)
     part.datum = part.datum.mounted(smoother.datum.rot_vs)
     state = start if whole else knots_of(start, chosen)
-    noise = at_least_folded(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
+    noise = at_least_aliased(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
     for _ in range(_MOST_ROUNDS):
         solved = part.solve(state, noise, "cauchy")
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state

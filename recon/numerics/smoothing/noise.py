@@ -42,7 +42,7 @@ _HIGH: Final = 2.5
 """Bounds of the logarithms: a receiver that was taken for one of metres may be one of centimetres."""
 _STILL_FACTOR: Final = 1.25
 """The moving car is at least so much noisier than the standing one."""
-_FOLDING_HZ: Final = 15.0
+_ALIASING_HZ: Final = 15.0
 """An IMU that is sampled faster sees enough of a vibration for it to average out."""
 _SIGMA_OF_MEDIAN: Final = 1.4826
 """Of normal errors, by the median of their size."""
@@ -87,15 +87,15 @@ def at_least_still(noise: Noise, still: tuple[float | None, float | None]) -> No
     )
 
 
-def at_least_folded(noise: Noise, samples: Samples) -> Noise:
+def at_least_aliased(noise: Noise, samples: Samples) -> Noise:
     """The noise to begin the search with, that of a slow IMU no smaller than what it jumps from sample to sample.
 
-    Below _FOLDING_HZ nothing of a vehicle's motion is so fast, but vibration that no filter took out is folded down to
+    Below _ALIASING_HZ nothing of a vehicle's motion is so fast, but vibration that no filter took out is aliased to
     it, tens of times the noise of a data sheet; from there the search would take it for walks of the biases. Second
     differences of white noise have six times its variance; the median is not that of stops and bumps.
     """
     step_s = float(np.median(np.diff(samples.t_s)))
-    if step_s < 1.0 / _FOLDING_HZ:
+    if step_s < 1.0 / _ALIASING_HZ:
         return noise
     gyro, accel = (
         float(np.median(np.abs(np.diff(samples_s, 2, axis=0)))) * _SIGMA_OF_MEDIAN * np.sqrt(step_s / 6.0)

@@ -16,7 +16,7 @@ from recon.numerics.smoothing import Noise
 from recon.numerics.smoothing.constraints import Road
 from recon.numerics.smoothing.noise import (
     across_track,
-    at_least_folded,
+    at_least_aliased,
     bank_of_roads,
     expected_variance,
     likely_noise,
@@ -238,7 +238,7 @@ def shaken(rate_hz: float, gyro: float, accel: float) -> Samples:
 
 
 def test_a_slow_imu_begins_with_the_noise_that_its_samples_show():
-    found = at_least_folded(ROLLING.noise, shaken(10.0, 0.02, 0.5))
+    found = at_least_aliased(ROLLING.noise, shaken(10.0, 0.02, 0.5))
     # Of 18 000 second differences the median tells sigma to some per cent; the motion adds (0.5 * 0.1)^2 = 0.0025 of
     # its size, nothing beside the noise.
     assert found.gyro == pytest.approx(0.02 / np.sqrt(10.0), rel=0.05)
@@ -247,5 +247,5 @@ def test_a_slow_imu_begins_with_the_noise_that_its_samples_show():
 
 @pytest.mark.parametrize(("rate_hz", "gyro", "accel"), [(100.0, 0.02, 0.5), (10.0, 1e-5, 1e-4)])
 def test_a_fast_imu_and_a_quiet_one_begin_with_the_noise_that_is_told(rate_hz, gyro, accel):
-    found = at_least_folded(ROLLING.noise, shaken(rate_hz, gyro, accel))
+    found = at_least_aliased(ROLLING.noise, shaken(rate_hz, gyro, accel))
     assert (found.gyro, found.accel) == (ROLLING.noise.gyro, ROLLING.noise.accel)
