@@ -115,7 +115,7 @@ def analyze_crash(
     motion = motion_of(trajectory, imu)
     found = spans(events, "crash")
     if motion is None or not found:
-        why = "there is no crash" if motion is not None else "there are no accelerations"
+        why = "none was found" if motion is not None else "there are no accelerations"
         return _answer([], [Metric("impacts", 0.0, note=why)])
     pulses = [(span, pulse_at(motion, span[0], imu, events)) for span in found]
     impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
@@ -218,7 +218,7 @@ def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> I
     if rate_hz < LEAST_RATE * 60:
         yield warning(
             f"CFC 60 wants {LEAST_RATE * 60:.0f} samples per second, here are {rate_hz:.0f}: "
-            "peaks may be folded or too low; delta-V is not concerned"
+            "vibration may be aliased into the peaks, or peaks be too low; delta-V is not affected"
         )
     if not motion.directed:
         yield warning("it is not known which way is forward: only sizes are told; turn imu into the vehicle first")
@@ -236,7 +236,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=3,
+        version=4,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -12,11 +12,12 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from recon.tables import time_ns
+from recon.crash_summary import SIGN, severest_impact
+from recon.rounding import in_a_sentence, with_interval
 from recon_exporters._chart import Span
 from recon_exporters._crash_drawing import Moment, time_line, vehicle
 from recon_exporters._crash_pulse import pulse_charts
-from recon_exporters._page import CRASH_SIGN, Json, crash_step, number, shown, table
+from recon_exporters._page import Json, crash_step, number, table
 from recon_exporters._words import unit_symbol
 
 _TITLES: Final[Mapping[str, str]] = {
@@ -73,13 +74,8 @@ def crash_page(facts: Json, streams: Mapping[str, pa.Table], spans: list[Span]) 
 
 def _severest(events: pa.Table | None, crashes: Sequence[Span]) -> Span | None:
     """The crash that the numbers are about: that of the largest `impact`, else the first; None without a crash."""
-    if events is None or not crashes:
-        return None
-    kinds, sizes = events["kind"].to_pylist(), events["value"].to_pylist()
-    found = zip(kinds, sizes, time_ns(events).tolist(), strict=True)
-    impacts = [(size, start) for kind, size, start in found if kind == "impact" and size is not None]
-    worst = max(impacts)[1] if impacts else crashes[0].start_ns
-    return next((span for span in crashes if span.start_ns == worst), crashes[0])
+    worst = severest_impact(events)
+    return next((span for span in crashes if span.start_ns == worst), crashes[0] if crashes else None)
 
 
 def _sentence(rows: Mapping[str, Json]) -> str:
@@ -87,7 +83,7 @@ def _sentence(rows: Mapping[str, Json]) -> str:
     found = []
     for name, words in (
         ("speed_before", "At {}"),
-        (CRASH_SIGN, "the velocity changed by {}"),
+        (SIGN, "the velocity changed by {}"),
         ("pdof", "the force came from {}, clockwise from straight ahead"),
     ):
         row = rows.get(name)
@@ -98,26 +94,20 @@ def _sentence(rows: Mapping[str, Json]) -> str:
 
 
 def _with_interval(row: Json) -> str:
-    symbol = unit_symbol(row["unit"])
-    symbol = symbol if symbol == "°" else f" {symbol}"
-    text = f"{_short(row, 'value')}{symbol}"
-    if row["low"] is not None and row["high"] is not None:
-        text += f" (95 %: {_short(row, 'low')} to {_short(row, 'high')}{symbol})"
-    return text
+    return with_interval(row, unit_symbol(row["unit"])).replace("-", "−")
 
 
-def _short(row: Json, key: str) -> str:
-    """A number of a row to one digit of its sigma, for a sentence."""
-    return shown(row[key], 10.0 * row["sigma"] if row["sigma"] else None, 3)
+def _short(row: Json) -> str:
+    return in_a_sentence(row).replace("-", "−")
 
 
 def _moments(rows: Mapping[str, Json], crash: Span, spans: Sequence[Span]) -> Iterator[Moment]:
-    speed, size = rows.get("speed_before"), rows[CRASH_SIGN]
-    told = f", {_short(speed, 'value')} km/h" if speed and speed["value"] is not None else ""
+    speed, size = rows.get("speed_before"), rows[SIGN]
+    told = f", {_short(speed)} km/h" if speed and speed["value"] is not None else ""
     yield Moment(0.0, f"time zero{told}")
     at = rows.get("time_of_max", {}).get("value")
     if at is not None and size["value"] is not None:
-        yield Moment(at, f"largest delta-V, {_short(size, 'value')} km/h")
+        yield Moment(at, f"largest delta-V, {_short(size)} km/h")
     yield Moment((crash.end_ns - crash.start_ns) * 1e-9, "end of event")
     for span in spans:
         if span.kind in _KINDS:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any, Final
 
+from recon.crash_summary import SIGN
+from recon.rounding import rounded
 from recon.storage.json_text import to_json
 from recon_exporters._findings import is_finding
 from recon_exporters._words import unit_symbol, words
@@ -16,8 +17,6 @@ from recon_exporters._words import unit_symbol, words
 Json = dict[str, Any]
 
 _TITLES: Final = {"distance": ("Distance", "m"), "top_speed": ("Top speed", "m/s"), "stops": ("Stops", "")}
-CRASH_SIGN: Final = "delta_v_resultant_max"
-"""The metric by which the step that judged a crash is known."""
 _SHORT: Final = 12
 """Cells of so few characters are not broken."""
 _ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "°"))
@@ -41,21 +40,13 @@ def number(value: float | None, sigma: float | None = None, digits: int = 4) -> 
 
 
 def shown(value: float, sigma: float | None = None, digits: int = 4) -> str:
-    """As `number`, as text alone."""
-    if sigma:
-        text = f"{value:.{max(1 - math.floor(math.log10(abs(sigma))), 0)}f}"
-    elif value and not 1e-4 <= abs(value) < 1e7:
-        text = f"{value:.{digits - 1}e}"
-    else:
-        places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
-        text = f"{value:.{max(places, 0)}f}"
-        text = text.rstrip("0").rstrip(".") if "." in text else text
-    return (text if float(text) else text.lstrip("-")).replace("-", "−")
+    """As `number`, as text alone, with the sign of a minus."""
+    return rounded(value, sigma, digits).replace("-", "−")
 
 
 def crash_step(facts: Json) -> str:
     """The step that judged a crash, "" where none or several did."""
-    steps = {row["step"] for row in facts["metrics"] if row["name"] == CRASH_SIGN and "step" in row}
+    steps = {row["step"] for row in facts["metrics"] if row["name"] == SIGN and "step" in row}
     return str(steps.pop()) if len(steps) == 1 else ""
 
 

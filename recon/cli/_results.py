@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -52,11 +53,15 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def as_data(finished: Run) -> dict[str, Any]:
-    """A finished run for programs."""
+    """A finished run for programs; `crash` only where a step judged crashes."""
+    from recon.crash_summary import crash_summary
+
+    crash = crash_summary(finished.recording)
     return {
         "folder": str(finished.folder),
         "pipeline": finished.manifest["pipeline"]["name"],
         "summary": finished.summary(),
+        **({"crash": crash} if crash is not None else {}),
         "warnings": finished.warnings,
         "streams": list(finished.recording),
         "exports": [str(path) for path in exported(finished)],
@@ -65,12 +70,15 @@ def as_data(finished: Run) -> dict[str, Any]:
 
 def as_text(finished: Run) -> str:
     """A finished run for people: a short table, then what they should know before they believe it."""
-    facts = finished.summary()
+    from recon.crash_summary import crash_summary
+
+    facts, crash = finished.summary(), crash_summary(finished.recording)
     rows = [
         ("distance", f"{facts['distance']:,.1f} m" if "distance" in facts else ""),
         ("duration", f"{facts['duration']:,.1f} s" if "duration" in facts else ""),
         ("top speed", _speed(facts["top_speed"]) if "top_speed" in facts else ""),
         ("stops", f"{facts['stops']:.0f}" if "stops" in facts else ""),
+        *(_crash_rows(crash) if crash is not None else ()),
         ("warnings", str(len(finished.warnings))),
         ("streams", ", ".join(finished.recording)),
         *(("export", str(path)) for path in exported(finished)),
@@ -78,6 +86,33 @@ def as_text(finished: Run) -> str:
     ]
     told = [console.table([row for row in rows if row[1]])]
     return "\n".join(told + warning_lines(finished.warnings))
+
+
+def _crash_rows(crash: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """When the severest crash was, how severe, and where the force came from."""
+    from recon.crash_summary import SIGN
+
+    if "after_s" not in crash:
+        yield "crash", crash["note"] or "none"
+        return
+    time = crash.get("time", "")
+    at = f"{time[:10]} {time[11:23]} UTC, " if time else ""
+    several = f", the severest of {crash['impacts']}" if crash["impacts"] > 1 else ""
+    yield "crash", f"{at}{crash['after_s']:.2f} s after the start{several}"
+    for name, title in ((SIGN, "delta-V"), ("pdof", "direction of force"), ("speed_before", "speed before")):
+        if name in crash:
+            yield title, _number(name, crash[name])
+
+
+def _number(name: str, row: Mapping[str, Any]) -> str:
+    from recon.numerics.severity import clock
+    from recon.rounding import with_interval
+
+    if row["value"] is None:
+        return f"not known: {row['note']}"
+    text = with_interval(row, row["unit"])
+    hour = f", clockwise from the front: {clock(math.radians(row['value']))} o'clock"
+    return text + hour if name == "pdof" else text
 
 
 def _speed(value: float) -> str:

@@ -1,0 +1,44 @@
+"""Numbers as people read them: to what their sigma lets them mean, else to so many significant digits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def rounded(value: float, sigma: float | None = None, digits: int = 4) -> str:
+    """A number to two digits of its sigma where there is one, else to so many significant digits.
+
+    Of numbers without a sigma whole ones stay whole, zeros behind the point go, and sizes below 1e-4 and from 1e7 on
+    have an exponent.
+    """
+    if not math.isfinite(value):
+        return str(value)
+    if sigma and math.isfinite(sigma):
+        text = f"{value:.{max(1 - math.floor(math.log10(abs(sigma))), 0)}f}"
+    elif value and not 1e-4 <= abs(value) < 1e7:
+        text = f"{value:.{digits - 1}e}"
+    else:
+        places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
+        text = f"{value:.{max(places, 0)}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+    return text if float(text) else text.lstrip("-")
+
+
+def with_unit(text: str, unit: str | None) -> str:
+    """`12 km/h`; a degree sign follows its number at once, and 1 and none are no unit."""
+    return text if unit in (None, "", "1") else f"{text}{'' if unit == '°' else ' '}{unit}"
+
+
+def in_a_sentence(row: Mapping[str, Any], key: str = "value") -> str:
+    """A number of a row of metrics, `value`, `low` or `high`, to one digit of the row's sigma, without its unit."""
+    return rounded(row[key], 10.0 * row["sigma"] if row["sigma"] else None, 3)
+
+
+def with_interval(row: Mapping[str, Any], unit: str) -> str:
+    """A row of metrics as `12.2 km/h (95 %: 12.0 to 12.4 km/h)`; unit : as it is to be shown."""
+    text = with_unit(in_a_sentence(row), unit)
+    if row["low"] is None or row["high"] is None:
+        return text
+    return f"{text} (95 %: {in_a_sentence(row, 'low')} to {with_unit(in_a_sentence(row, 'high'), unit)})"
