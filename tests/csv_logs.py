@@ -55,10 +55,6 @@ def refusal(folder: Path, text: str | bytes, mapping: str = IMU, **form: Any) ->
     return caught.value
 
 
-def metrics_of(streams: Streams, name: str) -> list[dict[str, Any]]:
-    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
-
-
 def ns(text: str) -> int:
     return int(np.datetime64(text, "ns").astype(np.int64))
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from metric_rows import row_named
 
 from recon.errors import ReadFailed
 from recon.tables import Array, Streams
@@ -47,13 +48,8 @@ def refusal(folder: Path, text: str | bytes, **params: Any) -> ReadFailed:
     return caught.value
 
 
-def metric(streams: Streams, name: str) -> dict[str, Any]:
-    (row,) = [row for row in streams["metrics"].to_pylist() if row["name"] == name]
-    return dict(row)
-
-
 def counts(streams: Streams) -> tuple[float, float, float]:
-    read_rows, used, dropped = (metric(streams, f"rows_{name}")["value"] for name in ("read", "used", "dropped"))
+    read_rows, used, dropped = (row_named(streams, f"rows_{name}")["value"] for name in ("read", "used", "dropped"))
     return read_rows, used, dropped
 
 

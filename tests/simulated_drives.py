@@ -40,10 +40,6 @@ def simulate(**values: object) -> Streams:
     return simulate_drive(params(**values))
 
 
-def learnt(streams: Streams) -> dict[str, float]:
-    return {row["name"]: row["value"] for row in streams["metrics"].to_pylist()}
-
-
 def triple(metrics: dict[str, float], name: str) -> Floats:
     return np.array([metrics[f"{name}_{axis}"] for axis in "xyz"])
 

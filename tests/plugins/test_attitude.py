@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pyquaternion import Quaternion
+from sampling import irregular
 
 from recon import ATTITUDE, IMU, build, matrix, meta, time_ns, with_meta
 from recon.errors import DataError, NotEnoughData
@@ -20,12 +21,6 @@ def imu_of(t_s, gyro):
 
 def start(q, t_ns=0):
     return build(ATTITUDE, time=np.array([t_ns], dtype=np.int64), q=np.asarray(q)[None])
-
-
-def irregular(rate_hz, duration_s=10.0):
-    t_s = np.arange(0.0, duration_s, 1.0 / rate_hz)
-    t_s[1:] += np.random.default_rng(5).uniform(-0.3, 0.3, len(t_s) - 1) / rate_hz
-    return np.round(t_s * 1e9) * 1e-9
 
 
 def euler_motion(t_s):

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute
 import pytest
+from metric_rows import rows_by_name
 
 import recon
 from recon import IMU, build
@@ -59,10 +60,6 @@ def errors(found: Streams, made: Streams) -> tuple[float, float]:
     return float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean())), float(np.sqrt((off[:, 2] ** 2).mean()))
 
 
-def told(found: Streams) -> dict[str, Any]:
-    return {row["name"]: row for row in found["metrics"].to_pylist()}
-
-
 @every_filter
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_phone_in_landscape_knows_its_attitude(name: str, seed: int) -> None:
@@ -76,7 +73,7 @@ def test_a_phone_in_landscape_knows_its_attitude(name: str, seed: int) -> None:
 def test_heading_comes_from_the_course_without_a_magnetometer_and_that_is_said(name: str) -> None:
     found = run(name, drive(), mag=False)
     assert errors(found, drive())[1] < 3.0
-    assert told(found)["heading"]["method"] == "course"
+    assert rows_by_name(found)["heading"]["method"] == "course"
     assert any("without a magnetometer" in note for note in warnings_of(found["metrics"]))
     assert meta(found["attitude"])["heading_kind"] == "true"
 
@@ -86,7 +83,7 @@ def test_heading_comes_from_the_magnetometer_where_nothing_else_is_heard(name: s
     found = run(name, drive(), heading="magnetometer")
     # soft iron of 4 % an element makes up to 0.04 x 47 / 23 rad, 5 deg, and what is left of the hard iron 2
     assert errors(found, drive())[1] < 8.0
-    assert told(found)["heading"]["method"] == "magnetometer"
+    assert rows_by_name(found)["heading"]["method"] == "magnetometer"
 
 
 def test_declination_turns_magnetic_into_true_north() -> None:
@@ -95,21 +92,21 @@ def test_declination_turns_magnetic_into_true_north() -> None:
     turn = to_rotvec(multiply(found[1], conjugate(found[0])))
     # north lies 0.1 rad further to the west of where the needle points: every heading grows by 0.1 rad
     np.testing.assert_allclose(turn.mean(axis=0), [0.0, 0.0, -0.1], atol=2e-3)
-    declination = told(run("vqf", made))["declination"]
-    assert declination["value"] == pytest.approx(told(made)["true_declination"]["value"], abs=0.01)
+    declination = rows_by_name(run("vqf", made))["declination"]
+    assert declination["value"] == pytest.approx(rows_by_name(made)["true_declination"]["value"], abs=0.01)
     assert declination["method"] == "World Magnetic Model"
 
 
 def test_hard_iron_is_found_or_taken_as_given() -> None:
     made = drive(mag_soft_iron=0.0, mag_disturbance_rate=0.0)
-    true = [told(made)[f"true_hard_iron_{a}"]["value"] for a in "xyz"]
-    rows = told(run("vqf", made))
+    true = [rows_by_name(made)[f"true_hard_iron_{a}"]["value"] for a in "xyz"]
+    rows = rows_by_name(run("vqf", made))
     for axis, value in zip("xyz", true, strict=True):
         row = rows[f"hard_iron_{axis}"]
         # what the tilt's error of a degree, 0.7 uT of 42, adds lasts all the time
         assert abs(row["value"] - value) < 4.0 * row["sigma"] + 1.5e-6
     given = run("vqf", made, hard_iron=tuple(true), heading="magnetometer")
-    assert "hard_iron_x" not in told(given)
+    assert "hard_iron_x" not in rows_by_name(given)
     assert errors(given, made)[1] < 2.5
 
 
@@ -120,7 +117,7 @@ def test_disturbed_samples_are_left_out_and_counted() -> None:
     shifted = {**made, "mag": replace(made["mag"], mag=field)}
     found = run("vqf", shifted, heading="magnetometer")
     # 3000 of 15000 rows
-    assert told(found)["magnetic_disturbance"]["value"] == pytest.approx(20.0, abs=3.0)
+    assert rows_by_name(found)["magnetic_disturbance"]["value"] == pytest.approx(20.0, abs=3.0)
     assert errors(found, made)[1] < errors(run("vqf", made, heading="magnetometer"), made)[1] + 1.5
 
 
@@ -136,8 +133,8 @@ def test_a_field_that_cannot_be_the_earths_is_left_out_and_counted() -> None:
     made = drive()
     doubled = {**made, "mag": replace(made["mag"], mag=2.0 * matrix(made["mag"], "mag"))}
     found = run("vqf", doubled)
-    assert told(found)["heading"]["method"] == "course"
-    assert told(found)["magnetic_disturbance"]["value"] == 100.0
+    assert rows_by_name(found)["heading"]["method"] == "course"
+    assert rows_by_name(found)["magnetic_disturbance"]["value"] == 100.0
     assert any("upwards where the Earth has" in note for note in warnings_of(found["metrics"]))
     assert errors(found, made)[1] < 4.0
     alone = run("vqf", doubled, heading="magnetometer")
@@ -148,7 +145,7 @@ def test_kinds_of_heading_are_never_mixed() -> None:
     made = drive()
     nowhere = {**made, "gnss": made["gnss"].drop_columns(["lat", "lon"])}
     by_course = run("vqf", nowhere)
-    assert told(by_course)["heading"]["method"] == "course"
+    assert rows_by_name(by_course)["heading"]["method"] == "course"
     assert meta(by_course["attitude"])["heading_kind"] == "true"
     alone = run("vqf", made, gnss=False)
     assert meta(alone["attitude"])["heading_kind"] == "magnetic"
@@ -166,7 +163,7 @@ def test_kinds_of_heading_are_never_mixed() -> None:
 def test_a_magnetic_course_is_turned_by_the_declination() -> None:
     made = drive()
     plain = made["gnss"].drop_columns(["vel_e", "vel_n", "vel_u"])
-    angle = np.radians(told(made)["true_declination"]["value"])
+    angle = np.radians(rows_by_name(made)["true_declination"]["value"])
     magnetic = with_meta(replace(plain, course=vector(plain, "course") - angle), heading_kind="magnetic")
     found = [run("vqf", {**made, "gnss": gnss})["attitude"] for gnss in (plain, magnetic)]
     np.testing.assert_allclose(matrix(found[0], "q"), matrix(found[1], "q"), atol=1e-5)  # of another fix, some km on
@@ -243,7 +240,7 @@ def test_a_phone_on_a_straight_road_is_not_misled_by_the_iron_about_it(name: str
     """
     made = dict(recon.read(logs / "comma2k19_example" / "seg40"))
     found = run(name, made)
-    assert told(found)["heading"]["method"] == "course"
+    assert rows_by_name(found)["heading"]["method"] == "course"
     assert any("upwards where the Earth has 23 and -42" in note for note in warnings_of(found["metrics"]))
     reference = made["reference"]
     q = slerp(time_ns(reference), time_ns(found["attitude"]), matrix(found["attitude"], "q"))

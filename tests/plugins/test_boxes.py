@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from box_drives import boxes
+from metric_rows import rows_by_name
 
 from recon import IMU, build, matrix, replace, time_ns
 from recon.errors import NotEnoughData
@@ -26,12 +27,8 @@ def align_two(imus, params=None):
     return align_boxes(imu=imus[0], imu_2=imus[1], imu_3=None, imu_4=None, params=params or BoxesParams())
 
 
-def told(result):
-    return {row["name"]: row for row in result["metrics"].to_pylist()}
-
-
 def test_two_boxes_are_placed_to_a_tenth_of_a_degree_a_millisecond_and_five_centimetres(pair, aligned):
-    found = told(aligned)
+    found = rows_by_name(aligned)
     euler = [np.radians(found[f"imu_2_{name}"]["value"]) for name in ("yaw", "pitch", "roll")]
     assert np.degrees(angle(from_euler(*euler), pair.q_1[1])) < 0.1
     assert abs(found["imu_2_lag"]["value"] - pair.lags_s[1]) < 1e-3
@@ -43,7 +40,7 @@ def test_two_boxes_are_placed_to_a_tenth_of_a_degree_a_millisecond_and_five_cent
 
 
 def test_its_sigmas_hold(pair, aligned):
-    found = told(aligned)
+    found = rows_by_name(aligned)
     lever = [(f"imu_2_lever_arm_{axis}", arm) for axis, arm in zip("xyz", pair.levers[1], strict=True)]
     over = [
         (found[name]["value"] - true) / found[name]["sigma"]
@@ -68,7 +65,7 @@ def test_what_is_given_is_used_as_it_is(pair):
     yaw, pitch, roll = (float(value) for value in to_euler(pair.q_1[1]))
     params = BoxesParams(rotation_2=(yaw, pitch, roll), lever_arm_2=(0.5, 0.0, 0.1), lag_2=1.0)
     result = align_two(pair.imus, params)
-    found = told(result)
+    found = rows_by_name(result)
     assert found["imu_2_lever_arm_x"]["value"] == 0.5
     assert found["imu_2_lag"]["method"] == "given"
     assert np.all(time_ns(result["imu_2"]) == time_ns(pair.imus[1]) - 1_000_000_000)
@@ -111,7 +108,7 @@ def test_a_single_half_minute_tells_no_sigma(pair):
     for values in (gyro, accel):
         values[loose] = rotate(twist, values[loose])
     result = align_two([first, replace(second, gyro=gyro, accel=accel)])
-    found = told(result)
+    found = rows_by_name(result)
     assert found["imu_2_observable"]["value"] == 0.0
     assert {found[f"imu_2_{name}"]["sigma"] for name in ("yaw", "lag", "drift", "lever_arm_x")} == {None}
     assert found["imu_2_lag"]["method"] != "given"

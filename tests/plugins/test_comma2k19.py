@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from array_logs import ACCEL_FRD, BOOT_S, GYRO_FRD, HEIGHT, LAT, LON, SPEED, save, save_sensor, segment, times
+from metric_rows import rows_named
 
 import recon
 import recon_readers.comma2k19
@@ -31,10 +32,6 @@ def read(path: Path) -> Streams:
     return recon_readers.comma2k19.read(path, NoParams())
 
 
-def told(streams: Streams, name: str) -> list[dict[str, object]]:
-    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return segment(tmp_path / "40")
@@ -53,7 +50,7 @@ def test_time_is_utc_by_the_gps_times_of_the_frames(folder: Path) -> None:
     for name in ("imu", "reference", "frames"):
         assert abs(int(time_ns(streams[name])[0]) - FIRST_FRAME_NS) <= 1_000
         assert (meta(streams[name])["clock"], meta(streams[name])["time_scale"]) == ("absolute", "UTC")
-    assert [row["value"] for row in told(streams, "gnss_age")] == [pytest.approx(0.2, abs=1e-6)] * 2
+    assert [row["value"] for row in rows_named(streams, "gnss_age")] == [pytest.approx(0.2, abs=1e-6)] * 2
 
 
 def test_without_poses_the_receiver_tells_utc(folder: Path) -> None:
@@ -128,7 +125,7 @@ def test_rows_out_of_order_are_left_out_and_told(folder: Path) -> None:
     t_s[[7, 9, 20]] = t_s[3], np.nan, t_s[19]
     save(folder / "processed_log/IMU/accelerometer/t", t_s)
     streams = read(folder)
-    assert [(row["value"], row["note"].split(":")[0]) for row in told(streams, "rows_left_out")] == [
+    assert [(row["value"], row["note"].split(":")[0]) for row in rows_named(streams, "rows_left_out")] == [
         (3.0, "of 400 rows of IMU/accelerometer")
     ]
     assert np.isnan(matrix(streams["imu"], "accel", gaps=True)).all(axis=1).sum() == 3
@@ -145,7 +142,7 @@ def test_frames_name_the_video_where_it_is_there(folder: Path) -> None:
 def test_auto_knows_a_segment_and_a_folder_that_holds_one(folder: Path) -> None:
     for path in (folder, folder.parent):
         streams = recon.read(path)
-        assert [row["method"] for row in told(dict(streams), "reader")] == ["reader.comma2k19"]
+        assert [row["method"] for row in rows_named(dict(streams), "reader")] == ["reader.comma2k19"]
         assert {"imu", "gnss", "gnss_2", "mag", "wheel", "reference", "frames"} <= set(streams)
 
 

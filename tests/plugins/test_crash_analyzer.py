@@ -5,6 +5,7 @@ from typing import Any
 import crash_pulses as pulses
 import numpy as np
 import pytest
+from metric_rows import rows_by_name
 
 from recon.numerics.budget import Uncertain
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
@@ -32,13 +33,9 @@ def analyzed(t_s: Array, accel: Array, gyro: Array | None = None, schema: Any = 
     return analyze_crash(trajectory=None, imu=imu, knots=None, events=events, metrics=None, params=CrashParams())
 
 
-def told(found: Streams) -> dict[str, dict[str, Any]]:
-    return {row["name"]: row for row in found["metrics"].to_pylist()}
-
-
 def test_a_haversine_pulse_gives_what_its_formulas_say() -> None:
     t_s = pulses.times(1000.0)
-    rows = told(analyzed(t_s, pulses.crash(t_s, (-12.0, 0.0), 0.1)))
+    rows = rows_by_name(analyzed(t_s, pulses.crash(t_s, (-12.0, 0.0), 0.1)))
     # Trapezoids are exact for a haversine; time zero lies 6 ms or so before the pulse does anything.
     assert rows["delta_v_long_max"]["value"] == pytest.approx(-43.2, abs=0.01)
     assert rows["pdof"]["value"] == pytest.approx(0.0, abs=0.01)
@@ -54,7 +51,7 @@ def test_a_haversine_pulse_gives_what_its_formulas_say() -> None:
 
 def test_every_number_of_the_field_has_a_sigma_and_an_interval_that_holds_it() -> None:
     t_s = pulses.times()
-    rows = told(analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-9.0, 3.0)))))
+    rows = rows_by_name(analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-9.0, 3.0)))))
     assert set(NAMES) <= set(rows)
     for name in set(NAMES) - {"speed_before", "time_of_max"}:
         row = rows[name]
@@ -71,15 +68,15 @@ def test_with_several_impacts_the_severest_is_told_and_all_are_listed() -> None:
     found = analyzed(t_s, accel)
     impacts = [row for row in found["events"].to_pylist() if row["kind"] == "impact"]
     assert [round(row["value"] / 3.6, 1) for row in impacts] == [4.0, 9.0]
-    assert told(found)["delta_v_long_max"]["value"] == pytest.approx(-9.0 * 3.6, rel=1e-3)
-    assert told(found)["impacts"]["value"] == 2.0
+    assert rows_by_name(found)["delta_v_long_max"]["value"] == pytest.approx(-9.0 * 3.6, rel=1e-3)
+    assert rows_by_name(found)["impacts"]["value"] == 2.0
 
 
 def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
     t_s = pulses.times(1000.0)
     accel = pulses.noisy(pulses.crash(t_s, (-15.0, 0.0)))
     found = analyzed(t_s, np.clip(accel, -16 * G, 16 * G))
-    row = told(found)["delta_v_long_max"]
+    row = rows_by_name(found)["delta_v_long_max"]
     assert row["low"] < -15.0 * 3.6 < row["high"]
     assert row["value"] > -15.0 * 3.6 + 1.0
     assert "clipped" in row["note"]
@@ -89,7 +86,7 @@ def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
 def test_without_forward_only_sizes_are_told() -> None:
     t_s = pulses.times()
     found = analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-9.0, 3.0))), schema=SENSOR)
-    rows = told(found)
+    rows = rows_by_name(found)
     assert rows["delta_v_resultant_max"]["value"] == pytest.approx(np.hypot(9.0, 3.0) * 3.6, rel=0.01)
     assert rows["delta_v_long_max"]["value"] is None
     assert rows["pdof"]["value"] is None
@@ -98,7 +95,7 @@ def test_without_forward_only_sizes_are_told() -> None:
 
 def test_a_drive_without_a_crash_has_no_impact() -> None:
     t_s = pulses.times()
-    rows = told(analyzed(t_s, pulses.hard_braking(t_s)))
+    rows = rows_by_name(analyzed(t_s, pulses.hard_braking(t_s)))
     assert rows["impacts"]["value"] == 0.0
     assert "delta_v_long_max" not in rows
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from csv_logs import BOTH, drive, metrics_of, params_of
+from csv_logs import BOTH, drive, params_of
+from metric_rows import rows_named
 
 from recon.errors import DataError
 from recon.tables import Streams, time_ns
@@ -62,8 +63,8 @@ def test_a_damaged_text_gives_rows_or_an_error_of_ours(tmp_path: Path, seed: int
     else:
         for name in streams.keys() - {"metrics"}:
             assert (np.diff(time_ns(streams[name])) > 0).all()
-        (total,) = metrics_of(streams, "rows_read")
-        for row in metrics_of(streams, "rows_used"):
+        (total,) = rows_named(streams, "rows_read")
+        for row in rows_named(streams, "rows_used"):
             assert row["value"] <= total["value"]
     sniff(path, path.read_bytes()[:65536])
     text_or_none = propose([path])

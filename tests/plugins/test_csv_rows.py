@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from csv_logs import BOTH, IMU, ROWS, drive, metrics_of, read_text, refusal
+from csv_logs import BOTH, IMU, ROWS, drive, read_text, refusal
+from metric_rows import rows_named
 
 from recon.joining import combine
 from recon.recording import Recording
@@ -19,7 +20,7 @@ def test_a_receiver_is_read_at_its_own_rate(tmp_path: Path, blank: bool) -> None
     streams = read_text(tmp_path, drive(blank=blank), BOTH)
     assert streams["imu"].num_rows == 400
     assert np.diff(time_ns(streams["gnss"])).tolist() == [200_000_000] * 19
-    used = {row["method"]: row for row in metrics_of(streams, "rows_used")}
+    used = {row["method"]: row for row in rows_named(streams, "rows_used")}
     assert (used["imu"]["value"], used["gnss"]["value"]) == (400, 20)
     assert ("380 blank" if blank else "380 repeated") in used["gnss"]["note"]
 
@@ -38,7 +39,7 @@ def test_rows_that_a_column_calls_invalid_are_left_out_and_counted(tmp_path: Pat
     )
     streams = read_text(tmp_path, "0,5,1\n1,6,0\n2,7,A\n3,8,1.0\n4,9,V\n5,9,\n", mapping)
     assert vector(streams["gnss"], "speed").tolist() == [5, 7, 8]
-    assert "3 not valid" in metrics_of(streams, "rows_used")[0]["note"]
+    assert "3 not valid" in rows_named(streams, "rows_used")[0]["note"]
 
 
 def test_rows_of_one_time_are_refused_unless_the_mapping_keeps_the_first(tmp_path: Path) -> None:
@@ -48,7 +49,7 @@ def test_rows_of_one_time_are_refused_unless_the_mapping_keeps_the_first(tmp_pat
     assert "same_time: first" in error.hint
     streams = read_text(tmp_path, text, IMU.replace("{time", "{same_time: first, time", 1))
     assert streams["imu"].num_rows == 2
-    assert "1 of the time of an earlier one" in metrics_of(streams, "rows_used")[0]["note"]
+    assert "1 of the time of an earlier one" in rows_named(streams, "rows_used")[0]["note"]
 
 
 def test_a_single_row_out_of_order_is_dropped_with_a_warning(tmp_path: Path) -> None:
@@ -75,7 +76,7 @@ def test_a_file_that_begins_in_the_middle_of_a_line_says_so(tmp_path: Path) -> N
     mapping = IMU.replace("[ax, ay, az]", "[2, 3, 4]").replace("column: t", "column: 1")
     streams = read_text(tmp_path, "0.1,1.0\n" + ROWS.partition("\n")[2], mapping)
     assert streams["imu"].num_rows == 3
-    assert metrics_of(streams, "lines_left_out")[0]["value"] == 1
+    assert rows_named(streams, "lines_left_out")[0]["value"] == 1
 
 
 def test_one_mapping_serves_all_files_of_a_drive(tmp_path: Path) -> None:
@@ -93,7 +94,7 @@ gnss: {time: {column: t, format: relative}, speed: {column: v, unit: m/s}}
     assert matrix(drive["imu"], "accel")[1].tolist() == [1, 2, 9]
     assert matrix(drive["imu"], "gyro")[1].tolist() == [1, 2, 9]
     assert drive["gnss"].num_rows == 2
-    assert metrics_of(parts[0], "not_in_file")[0]["method"] == "gnss"
+    assert rows_named(parts[0], "not_in_file")[0]["method"] == "gnss"
 
 
 @pytest.mark.parametrize(

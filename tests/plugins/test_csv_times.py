@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from csv_logs import IMU, NS, metrics_of, ns, read_text
+from csv_logs import IMU, NS, ns, read_text
+from metric_rows import rows_named
 
 from recon.rows import warnings_of
 from recon.tables import meta, time_ns
@@ -67,7 +68,7 @@ def test_leap_seconds_are_those_of_bulletin_c(tmp_path: Path, gps: str, seconds:
     mapping = "imu: {time: {column: 1, format: iso, scale: GPS}, accel: {columns: [2, 3, 4], unit: g}}"
     streams = read_text(tmp_path, f"{gps},0,0,1\n", mapping)
     assert ns(gps) - time_ns(streams["imu"])[0] == seconds * NS
-    assert metrics_of(streams, "leap_seconds")[0]["value"] == seconds
+    assert rows_named(streams, "leap_seconds")[0]["value"] == seconds
 
 
 def test_times_of_day_go_on_after_midnight(tmp_path: Path) -> None:

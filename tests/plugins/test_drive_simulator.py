@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_drives import EPS, LONG, MOTIONS, learnt, params, simulate
+from metric_rows import values_by_name
+from simulated_drives import EPS, LONG, MOTIONS, params, simulate
 
 import recon
 from recon.errors import DataError
@@ -76,15 +77,15 @@ def test_every_row_of_the_presets_is_a_parameter_of_that_unit(name: str) -> None
 
 
 def test_gravity_is_told_of_the_start() -> None:
-    told = learnt(simulate(motion="rest", duration="1 s", lat="-33 deg", lon="151 deg", height="2 km"))
+    told = values_by_name(simulate(motion="rest", duration="1 s", lat="-33 deg", lon="151 deg", height="2 km"))
     assert told["true_gravity"] == pytest.approx(float(normal_gravity(-33.0, 2000.0)), rel=4.0 * EPS)
 
 
 def test_distance_is_that_of_the_truth() -> None:
     streams = simulate(motion="straight", speed="54 km/h")
     # Launch and brake are symmetric eases: 15 s and 10 s at half the speed, 10 s of cruise between them.
-    assert learnt(streams)["distance"] == pytest.approx(15.0 * (7.5 + 10.0 + 5.0), rel=1e-12)
-    assert learnt(streams)["seed"] == 0.0
+    assert values_by_name(streams)["distance"] == pytest.approx(15.0 * (7.5 + 10.0 + 5.0), rel=1e-12)
+    assert values_by_name(streams)["seed"] == 0.0
 
 
 @pytest.mark.parametrize(

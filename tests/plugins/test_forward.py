@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metric_rows import rows_by_name
 
 from recon import GNSS, IMU, Event, build, events, matrix, replace
 from recon.errors import NotEnoughData
@@ -33,17 +34,13 @@ def city(seed=1):
     return stop_and_go(120.0, np.random.default_rng(seed))
 
 
-def learnt(result):
-    return {row["name"]: row for row in result["metrics"].to_pylist()}
-
-
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 90.0, 180.0, -137.0])
 @pytest.mark.parametrize("lag_s", [0.0, 0.35, 1.1])
 def test_the_yaw_of_the_box_is_found_however_late_gnss_is(yaw_deg, lag_s):
     drive = city()
     imu = box(drive, 120.0, np.radians(yaw_deg), noise=0.5)
     gnss = speed_of(drive, 120.0, lag_s, sigma=0.05)
-    found = learnt(forward(imu=imu, gnss=gnss, events=None, params=ForwardParams()))
+    found = rows_by_name(forward(imu=imu, gnss=gnss, events=None, params=ForwardParams()))
     error = np.degrees(wrap_angle(np.radians(found["mount_yaw"]["value"] - yaw_deg)))
     assert abs(error) < 3.0 * found["mount_yaw"]["sigma"]
     assert found["mount_yaw"]["sigma"] < 1.0
@@ -67,13 +64,13 @@ def test_a_velocity_serves_where_there_is_no_speed():
     result = forward(
         imu=box(drive, 120.0, 1.0), gnss=speed_of(drive, 120.0, group="vel"), events=None, params=ForwardParams()
     )
-    assert learnt(result)["mount_yaw"]["value"] == pytest.approx(np.degrees(1.0), abs=0.3)
+    assert rows_by_name(result)["mount_yaw"]["value"] == pytest.approx(np.degrees(1.0), abs=0.3)
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 180.0, -137.0])
 def test_without_gnss_the_first_motion_after_a_stop_is_forward(yaw_deg):
     imu = box(city(), 120.0, np.radians(yaw_deg), noise=0.5)
-    found = learnt(forward(imu=imu, gnss=None, events=STOP, params=ForwardParams()))["mount_yaw"]
+    found = rows_by_name(forward(imu=imu, gnss=None, events=STOP, params=ForwardParams()))["mount_yaw"]
     error = np.degrees(wrap_angle(np.radians(found["value"] - yaw_deg)))
     assert found["method"] == "principal axis"
     assert abs(error) < 3.0 * found["sigma"]
@@ -104,7 +101,7 @@ def test_an_angle_given_by_hand_is_used_as_it_is():
     result = forward(imu=box(drive, 5.0, 0.7), gnss=None, events=None, params=ForwardParams(angle=0.7))
     # Two rotations: rounding.
     np.testing.assert_allclose(matrix(result["imu"], "accel"), matrix(box(drive, 5.0, 0.0), "accel"), atol=1e-13)
-    assert learnt(result)["mount_yaw"]["value"] == pytest.approx(np.degrees(0.7))
+    assert rows_by_name(result)["mount_yaw"]["value"] == pytest.approx(np.degrees(0.7))
 
 
 @pytest.mark.parametrize("rows", [0, 1, 2])
@@ -123,7 +120,7 @@ def test_on_a_real_crash_log_the_box_looks_backwards(logs, with_speed):
     fresh = changes(rows[:, 1])
     gnss = build(GNSS, time=t_ns[fresh], speed=rows[fresh, 1] / 3.6) if with_speed else None
     stop = events([Event(0, 50_000_000_000, "standstill")])
-    found = learnt(forward(imu=imu, gnss=gnss, events=stop, params=ForwardParams()))
+    found = rows_by_name(forward(imu=imu, gnss=gnss, events=stop, params=ForwardParams()))
     # Nobody measured the mount: the box lies along the car as far as a hand can lay it.
     assert abs(found["mount_yaw"]["value"]) == pytest.approx(180.0, abs=5.0)
 
@@ -139,7 +136,7 @@ def test_windows_lie_where_there_are_samples_only():
     t_ns = np.asarray(whole["time"].cast("int64"))
     parts = t_ns + np.where(np.arange(len(t_ns)) < 6000, 0, 30 * 86400 * 10**9)
     imu = build(IMU, time=parts, accel=matrix(whole, "accel"), gyro=matrix(whole, "gyro"))
-    found = learnt(forward(imu=imu, gnss=speed_of(drive, 60.0), events=None, params=ForwardParams()))
+    found = rows_by_name(forward(imu=imu, gnss=speed_of(drive, 60.0), events=None, params=ForwardParams()))
     assert found["mount_yaw"]["value"] == pytest.approx(np.degrees(1.0), abs=3.0 * found["mount_yaw"]["sigma"])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from chance import assert_standard_normal
 
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.motion import Drive, EarthTruth, Motion, OnEarth, circle, crash, rest, straight
@@ -49,11 +49,6 @@ def measured(truth: EarthTruth, model: GnssModel, seed: int = 0) -> GnssFixes:
 def seen(fixes: GnssFixes) -> Floats:
     """Positions (m, 3) in m from the start."""
     return geodetic_to_enu(fixes.lat, fixes.lon, fixes.height, PLACE)
-
-
-def assert_standard_normal(samples: Floats) -> None:
-    low, high = (float(chi2.ppf(p, samples.size)) for p in (1e-6, 1.0 - 1e-6))
-    assert low < np.sum(samples**2) < high
 
 
 @pytest.mark.parametrize("lever_arm_v", [(1.5, 0.0, 0.0), (0.0, -0.8, 0.0), (-1.2, 0.5, 1.4)])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metric_rows import values_by_name
 
 from recon import IMU, Event, build, events, matrix
 from recon.errors import DataError, NotEnoughData
@@ -21,10 +22,6 @@ def still_imu(force_s, rows=11):
     return build(IMU, time=np.arange(rows) * 100_000_000, accel=force_s, gyro=np.tile([0.1, 0.2, 0.3], (rows, 1)))
 
 
-def learnt(result):
-    return {row["name"]: row["value"] for row in result["metrics"].to_pylist()}
-
-
 def test_a_level_box_is_not_turned_at_all():
     imu = still_imu([0.0, 0.0, G])
     result = level(imu=imu, events=STOP, params=LevelParams())
@@ -42,9 +39,9 @@ def test_gravity_points_up_whichever_way_the_box_lies(force):
 def test_the_tilt_of_the_mount_is_told_as_roll_and_pitch():
     q_ls = from_euler(0.0, np.radians(-12.0), np.radians(25.0))
     result = level(imu=still_imu(rotate(conjugate(q_ls), [0.0, 0.0, 1.01 * G])), events=STOP, params=LevelParams())
-    assert learnt(result)["mount_roll"] == pytest.approx(25.0, abs=1e-12)
-    assert learnt(result)["mount_pitch"] == pytest.approx(-12.0, abs=1e-12)
-    assert learnt(result)["gravity_measured"] == pytest.approx(1.01 * G, abs=ROUNDING)
+    assert values_by_name(result)["mount_roll"] == pytest.approx(25.0, abs=1e-12)
+    assert values_by_name(result)["mount_pitch"] == pytest.approx(-12.0, abs=1e-12)
+    assert values_by_name(result)["gravity_measured"] == pytest.approx(1.01 * G, abs=ROUNDING)
 
 
 def test_gyroscopes_turn_with_the_accelerometers():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import ros_logs
 from mcap.writer import CompressionType, Writer
+from metric_rows import rows_named
 
 import recon
 import recon_readers.mcap
@@ -26,10 +27,6 @@ T_NS = ros_logs.START_NS + np.arange(50) * 20_000_000
 
 def read(path: Path, **params: object) -> Streams:
     return recon_readers.mcap.read(path, TopicParams(**params))
-
-
-def told(streams: Streams, name: str) -> list[dict[str, object]]:
-    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
 
 
 def ros1_mcap(path: Path, *, closed: bool = True, chunked: bool = True) -> Path:
@@ -146,7 +143,7 @@ def test_messages_that_are_not_whole_are_counted(tmp_path: Path) -> None:
     assert data
     streams = read(path)
     assert streams["gnss"].num_rows == 1
-    assert [entry["value"] for entry in told(streams, "messages_broken")] == [1.0]
+    assert [entry["value"] for entry in rows_named(streams, "messages_broken")] == [1.0]
 
 
 def test_a_place_of_zero_zero_is_no_fix(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metric_rows import row_named
+from sampling import irregular
 
 from recon import ATTITUDE, GNSS, IMU, Event, build, events, matrix, meta, time_ns, vector, with_meta
 from recon.errors import DataError, NotEnoughData
@@ -25,12 +27,6 @@ def ns(t_s):
     return np.round(np.asarray(t_s) * 1e9).astype(np.int64)
 
 
-def irregular(rate_hz, duration_s):
-    t_s = np.arange(0.0, duration_s, 1.0 / rate_hz)
-    t_s[1:] += np.random.default_rng(5).uniform(-0.3, 0.3, len(t_s) - 1) / rate_hz
-    return np.round(t_s * 1e9) * 1e-9
-
-
 def tables(truth, bias_n=(0.0, 0.0, 0.0)):
     """The imu without gravity, its accelerations wrong by bias_n m/s^2 (local), and the attitude."""
     accel = rotate(conjugate(truth.q_nv), truth.acc_n + bias_n)
@@ -50,11 +46,6 @@ def stops_of(spans_s):
 def run(truth, bias_n=(0.0, 0.0, 0.0), stops=None, gnss=None, **params):
     imu, attitude = tables(truth, bias_n)
     return integrate_motion(imu=imu, attitude=attitude, events=stops, gnss=gnss, params=MotionParams(**params))
-
-
-def metric(result, name):
-    (row,) = (row for row in result["metrics"].to_pylist() if row["name"] == name)
-    return row["value"]
 
 
 @pytest.mark.parametrize("motion", [circle(20.0, 8.0), Spring(20.0, 0.4, 0.5, 1.0, 1.3, turning=False)])
@@ -103,7 +94,7 @@ def test_a_steady_error_of_acceleration_is_taken_off_wholly_between_stops():
     # derivative of acceleration (9 m/s in 3 s: 9 / 3 (2 pi / 3)^3 m/s^5) over 6 s, and a stop's last sample.
     np.testing.assert_allclose(matrix(result["trajectory"], "vel"), truth.vel_n, atol=2e-5)
     np.testing.assert_allclose(matrix(result["trajectory"], "pos"), truth.pos_n, atol=2e-4)
-    assert metric(result, "largest_velocity_error_at_a_stop") == pytest.approx(
+    assert row_named(result, "largest_velocity_error_at_a_stop")["value"] == pytest.approx(
         np.linalg.norm((0.02, -0.01, 0.05)) * 41.99, rel=1e-6
     )
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metric_rows import rows_by_name
 
 import recon
 from recon import GNSS, IMU, build, matrix, time_ns, vector
@@ -27,13 +28,9 @@ def mounted(streams):
     return mount(imu=streams["imu"], gnss=streams["gnss"], params=PARAMS)
 
 
-def learnt(result):
-    return {row["name"]: row for row in result["metrics"].to_pylist()}
-
-
 def errors(result, angles):
     """Rotation from the true vehicle to the one found, about its axes, in deg and in sigmas: (3,) each."""
-    rows = learnt(result)
+    rows = rows_by_name(result)
     found = np.array([rows[f"mount_q{axis}"]["value"] for axis in "wxyz"])
     roll, pitch, yaw = np.radians(angles)
     w, *v = multiply(found, conjugate(from_euler(yaw, pitch, roll)))
@@ -58,7 +55,7 @@ def test_levers_leaning_and_slip_do_not_mislead(sensors):
 def test_accel_and_gyro_are_turned_as_the_metrics_tell_and_nothing_else_changes():
     streams = drive((10.0, 20.0, -60.0), duration=300.0)
     result = mounted(streams)
-    rows = learnt(result)
+    rows = rows_by_name(result)
     yaw, pitch, roll = (np.radians(rows[f"mount_{name}"]["value"]) for name in ("yaw", "pitch", "roll"))
     w, x, y, z = from_euler(yaw, pitch, roll)
     turn = np.array(
@@ -108,7 +105,7 @@ def test_it_declares_itself():
 
 
 def test_on_a_real_crash_log_the_box_lies_flat_and_points_backwards(logs):
-    rows = learnt(mounted(recon.read(logs / "physycom_crash" / "crash_01.txt").streams))
+    rows = rows_by_name(mounted(recon.read(logs / "physycom_crash" / "crash_01.txt").streams))
     # At rest the log reads +9.9 m/s^2 on z and 0.1 on x and y; pulling away it reads -3.4 m/s^2 on x and 0.0 on y.
     assert abs(rows["mount_yaw"]["value"]) > 175.0
     assert abs(rows["mount_roll"]["value"]) < 10.0

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from metric_rows import row_named
 from physycom_logs import (
     T0,
     T0_UTC_NS,
     G,
     counts,
-    metric,
     motion,
     read_text,
     text_of,
@@ -66,11 +66,14 @@ def test_streams_say_clock_datum_and_north(tmp_path: Path) -> None:
 
 def test_what_was_assumed_is_told_with_its_unit(tmp_path: Path) -> None:
     streams = read_text(tmp_path, text_of(motion()))
-    assert "km/h" in metric(streams, "assumed_speed_unit")["note"]
-    assert "true north" in metric(streams, "assumed_heading")["note"]
-    assert metric(streams, "assumed_height_datum")["note"] == "mean_sea_level"
-    assert metric(streams, "assumed_gravity")["value"] == G
-    assert (metric(streams, "assumed_clock_offset")["value"], metric(streams, "assumed_clock_offset")["unit"]) == (
+    assert "km/h" in row_named(streams, "assumed_speed_unit")["note"]
+    assert "true north" in row_named(streams, "assumed_heading")["note"]
+    assert row_named(streams, "assumed_height_datum")["note"] == "mean_sea_level"
+    assert row_named(streams, "assumed_gravity")["value"] == G
+    assert (
+        row_named(streams, "assumed_clock_offset")["value"],
+        row_named(streams, "assumed_clock_offset")["unit"],
+    ) == (
         3600.0,
         "s",
     )
@@ -105,7 +108,7 @@ def test_the_real_crash_comes_out_at_the_rates_of_its_sensors(logs: Path) -> Non
     assert gnss.column_names == ["time", "speed"]
     # 975 or 976 periods of 0.1 s in 97.55 s; the car stood for most of them and lost four reports in motion.
     assert 970 <= gnss.num_rows <= 977
-    assert metric(streams, "gnss_period")["value"] == pytest.approx(0.1, abs=0.0024)
+    assert row_named(streams, "gnss_period")["value"] == pytest.approx(0.1, abs=0.0024)
     t_ns, speed = time_ns(gnss), vector(gnss, "speed")
     slow = speed[:-1] < 1 / 3.6
     # At rest no report is missing: a step is a period give or take the row period of 2.4 ms on either side.

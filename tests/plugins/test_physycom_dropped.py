@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from metric_rows import row_named
 from physycom_logs import (
     HELD_ROWS,
     T0,
     G,
     counts,
     held,
-    metric,
     motion,
     read_text,
     refusal,
@@ -30,7 +30,7 @@ def test_a_cut_last_row_is_dropped_counted_and_told(tmp_path: Path, lost: int) -
     streams = read_text(tmp_path, text[: -1 - lost])
     assert streams["imu"].num_rows == 59
     assert counts(streams) == (60, 59, 1)
-    assert "line 61" in metric(streams, "rows_dropped")["note"]
+    assert "line 61" in row_named(streams, "rows_dropped")["note"]
     assert "cut off" in warnings_of(streams["metrics"])[0]
 
 
@@ -93,7 +93,7 @@ def test_blank_rows_are_dropped_and_counted(tmp_path: Path) -> None:
     rows[100, 1:] = np.nan
     streams = read_text(tmp_path, text_of(rows))
     assert counts(streams) == (400, 399, 1)
-    assert "line 102" in metric(streams, "rows_dropped")["note"]
+    assert "line 102" in row_named(streams, "rows_dropped")["note"]
 
 
 def test_a_module_that_contradicts_its_components_is_warned_of(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_value_that_cannot_be_is_null_counted_and_told(tmp_path: Path, column:
     sound = read_text(tmp_path, text_of(rows))
     rows[300, column] = value
     streams = read_text(tmp_path, text_of(rows))
-    assert metric(streams, "values_outside_limits")["value"] == 1.0
+    assert row_named(streams, "values_outside_limits")["value"] == 1.0
     (told,) = warnings_of(streams["metrics"])
     assert f"{says}" in told
     assert "in 1 of 400 rows, first in line 302" in told

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from metric_rows import row_named
 from physycom_logs import (
     HELD_ROWS,
     T0_UTC_NS,
     G,
     counts,
     held,
-    metric,
     motion,
     read_text,
     text_of,
@@ -31,8 +31,8 @@ def test_held_gnss_is_kept_where_it_changes(tmp_path: Path) -> None:
     streams = read_text(tmp_path, text_of(rows))
     assert streams["imu"].num_rows == 400
     assert (time_ns(streams["gnss"]) - T0_UTC_NS).tolist() == [100_000_000 * k for k in range(400 // HELD_ROWS)]
-    assert "repeated" in metric(streams, "gnss_fill")["note"]
-    assert metric(streams, "gnss_period")["value"] == pytest.approx(0.1, abs=1e-12)
+    assert "repeated" in row_named(streams, "gnss_fill")["note"]
+    assert row_named(streams, "gnss_period")["value"] == pytest.approx(0.1, abs=1e-12)
 
 
 def test_a_constant_speed_at_standstill_is_no_gap(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_values_missing_in_one_axis_are_null_and_counted(tmp_path: Path, count: 
     assert imu["accel_x"].null_count == count
     assert imu["accel_y"].null_count == 0
     assert imu.num_rows == 400
-    missing = metric(streams, "values_missing")
+    missing = row_named(streams, "values_missing")
     assert (missing["method"], missing["value"]) == ("ax", count)
     assert missing["note"] == f"ax is missing in {count} of 400 rows of accel, first in line 9"
     # More than 1 % of the rows is more than a few.

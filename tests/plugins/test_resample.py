@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from metric_rows import values_by_name
 
 from recon.errors import DataError
 from recon.numerics.rotation import from_euler, to_euler
@@ -35,10 +36,6 @@ def run(imu: Any, gnss: Any = None, /, *, streams: Any = None, **params: Any) ->
     return resample(imu=imu, gnss=gnss, **others, params=ResampleParams(**params))
 
 
-def numbers(streams: Any) -> dict[str, float]:
-    return {row["name"]: row["value"] for row in streams["metrics"].to_pylist()}
-
-
 def test_each_group_is_completed_from_its_own_samples() -> None:
     t_s = np.array([0.0, 0.010, 0.021, 0.030, 0.043, 0.050])
     streams = run(alternating(t_s))
@@ -46,7 +43,7 @@ def test_each_group_is_completed_from_its_own_samples() -> None:
     assert time_ns(streams["imu"]).tolist() == ns(t_s[1:5]).tolist()
     assert matrix(streams["imu"], "accel") == pytest.approx(SLOPE_ACCEL * t_s[1:5, None], abs=ROUNDING)
     assert matrix(streams["imu"], "gyro") == pytest.approx(SLOPE_GYRO * t_s[1:5, None], abs=ROUNDING)
-    assert numbers(streams)["rows_dropped"] == 2.0
+    assert values_by_name(streams)["rows_dropped"] == 2.0
 
 
 def test_a_complete_imu_passes_bit_for_bit() -> None:
@@ -82,7 +79,7 @@ def test_rows_in_a_long_gap_of_one_group_are_dropped_and_counted() -> None:
     gyro[20:60] = np.nan
     streams = run(build(IMU, time=ns(t_s), accel=np.ones((100, 3)), gyro=gyro))
     assert streams["imu"].num_rows == 60
-    assert numbers(streams)["rows_dropped"] == 40.0
+    assert values_by_name(streams)["rows_dropped"] == 40.0
 
 
 def test_a_group_without_any_value_stays_empty_and_drops_nothing() -> None:
@@ -105,8 +102,8 @@ def test_values_of_one_axis_that_are_filled_in_are_counted() -> None:
     accel[3:5, 1] = np.nan
     streams = run(build(IMU, time=ns(np.arange(9) * 0.01), accel=accel, gyro=np.ones((9, 3))))
     assert matrix(streams["imu"], "accel").tolist() == np.ones((9, 3)).tolist()
-    assert numbers(streams)["accel_y_filled"] == 2.0
-    assert "accel_x_filled" not in numbers(streams)
+    assert values_by_name(streams)["accel_y_filled"] == 2.0
+    assert "accel_x_filled" not in values_by_name(streams)
 
 
 def test_a_lower_rate_holds_no_alias_and_the_same_integral() -> None:

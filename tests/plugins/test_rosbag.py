@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import ros_logs
 from benchmarks.reading_logs import write_bag
+from metric_rows import rows_named
 
 import recon
 import recon_readers.rosbag
@@ -32,10 +33,6 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def read(path: Path, wanted: Wanted = EVERYTHING, **params: object) -> Streams:
     return recon_readers.rosbag.read(path, TopicParams(**params), wanted)
-
-
-def told(streams: Streams, name: str) -> list[dict[str, object]]:
-    return [row for row in streams["metrics"].to_pylist() if row["name"] == name]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -71,7 +68,7 @@ def test_facts_come_from_the_format(bags: dict[str, Path]) -> None:
 
 
 def test_an_odometry_is_read_where_a_parameter_says_what_it_is(bags: dict[str, Path]) -> None:
-    (row,) = told(read(bags["bag"]), "topic_to_choose")
+    (row,) = rows_named(read(bags["bag"]), "topic_to_choose")
     assert row["value"] == 40.0
     assert "--set reader.rosbag.wheel=/odom or --set reader.rosbag.reference=/odom" in str(row["note"])
     wheel = read(bags["sqlite3"], wheel=("/odom",))["wheel"]
@@ -91,7 +88,7 @@ def test_axes_of_a_driver_that_writes_others_are_told_by_a_parameter(bags: dict[
 
 
 def test_the_topics_that_are_left_are_counted(bags: dict[str, Path]) -> None:
-    (row,) = told(read(bags["bag"]), "topics_left")
+    (row,) = rows_named(read(bags["bag"]), "topics_left")
     assert (row["value"], row["note"]) == (1.0, "/camera (sensor_msgs/CompressedImage)")
 
 
@@ -192,7 +189,7 @@ def test_behind_a_damaged_chunk_the_next_one_is_found(bags: dict[str, Path], tmp
     t_ns = time_ns(streams["imu"])
     assert 100 < len(t_ns) < 200
     assert t_ns[-1] == time_ns(whole["imu"])[-1]
-    assert [row["value"] for row in told(streams, "damaged_places")] == [1.0]
+    assert [row["value"] for row in rows_named(streams, "damaged_places")] == [1.0]
 
 
 def test_a_sqlite_bag_with_a_damaged_page_gives_what_is_before_it(bags: dict[str, Path], tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from chance import assert_standard_normal
 
 from recon.numerics.geodesy import Anchor
 from recon.numerics.motion import Drive, EarthTruth, OnEarth, crash, rest, roundabout, stop_and_go, straight
@@ -35,12 +35,6 @@ def outputs(truth: EarthTruth, model: ImuModel, seed: int = 0) -> tuple[Floats, 
     """What the accelerometers and the gyroscopes report."""
     accel, gyro = imu_measurements(truth, model, rng(seed))
     return accel.output_s, gyro.output_s
-
-
-def assert_standard_normal(samples: Floats) -> None:
-    """Their sum of squares is that of independent standard normals."""
-    low, high = (float(chi2.ppf(p, samples.size)) for p in (1e-6, 1.0 - 1e-6))
-    assert low < np.sum(samples**2) < high
 
 
 def test_a_perfect_imu_reports_the_truth_of_a_drive() -> None:

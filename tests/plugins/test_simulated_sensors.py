@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
+from metric_rows import values_by_name
 from scipy.stats import chi2
-from simulated_drives import BOLOGNA, EPS, felt, learnt, simulate, triple
+from simulated_drives import BOLOGNA, EPS, felt, simulate, triple
 
 from recon.numerics.geodesy import (
     Anchor,
@@ -42,7 +43,7 @@ def test_metrics_tell_the_biases_and_scale_errors_that_were_drawn(seed: int) -> 
              ("gyro", ("deg/s/sqrt(Hz)", "deg/s/sqrt(s)", "deg/s")))
              for error, unit in zip(("noise", "bias_walk", "quantisation"), units, strict=True)}  # fmt: skip
     streams = simulate(motion="circle", seed=seed, mount_pitch="10 deg", **clean)
-    told, imu = learnt(streams), streams["imu"]
+    told, imu = values_by_name(streams), streams["imu"]
     q_sv = conjugate(from_euler(0.0, np.radians(10.0), 0.0))
     force_v, rate_v = felt(streams["reference"])
     for sensor, true_v, to_si in (("accel", force_v, 1.0), ("gyro", rate_v, np.pi / 180.0)):
@@ -58,7 +59,7 @@ def test_metrics_tell_the_biases_and_scale_errors_that_were_drawn(seed: int) -> 
 @pytest.mark.parametrize("sensors", ["consumer_mems", "automotive", "tactical"])
 def test_biases_and_scale_errors_have_the_sigmas_of_the_preset(sensors: str) -> None:
     rest = {"motion": "rest", "duration": "10 ms", "sensors": sensors}
-    drawn = [learnt(simulate(seed=seed, **rest)) for seed in range(100)]
+    drawn = [values_by_name(simulate(seed=seed, **rest)) for seed in range(100)]
     for sensor, to_si in (("accel", 1.0), ("gyro", np.pi / 180.0)):
         for error, unit in (("bias", to_si), ("scale", 1.0)):
             values = np.array([triple(told, f"true_{sensor}_{error}") for told in drawn]) * unit
@@ -92,10 +93,10 @@ def test_fixes_may_tell_wrong_sigmas_or_none_and_no_vector_of_velocity() -> None
 
 def test_a_box_mounted_nose_down_and_turned_reads_gravity_backwards() -> None:
     streams = simulate(motion="rest", sensors="perfect", mount_pitch="20 deg", mount_yaw="-90 deg")
-    gravity = learnt(streams)["true_gravity"]
+    gravity = values_by_name(streams)["true_gravity"]
     expected = [-gravity * np.sin(np.radians(20.0)), 0.0, gravity * np.cos(np.radians(20.0))]
     np.testing.assert_allclose(matrix(streams["imu"], "accel")[0], expected, rtol=0.0, atol=8.0 * EPS * 10.0)
-    told = learnt(streams)
+    told = values_by_name(streams)
     angles = [told[f"true_mount_{name}"] for name in ("roll", "pitch", "yaw")]
     assert angles == pytest.approx([0.0, 20.0, -90.0], rel=4.0 * EPS)
 
@@ -120,7 +121,7 @@ def test_outliers_and_outages_are_told_as_events() -> None:
     streams = simulate(motion="mixed", duration="3600 s", sensors="study_two", seed=3)
     reference, gnss = streams["reference"], streams["gnss"]
     rows = np.searchsorted(time_ns(reference), time_ns(gnss))
-    lever_v = np.broadcast_to(triple(learnt(streams), "true_lever_arm"), (len(rows), 3))
+    lever_v = np.broadcast_to(triple(values_by_name(streams), "true_lever_arm"), (len(rows), 3))
     anchor = Anchor(**meta(reference)["anchor"])
     antenna_n = matrix(reference, "pos")[rows] + rotate(matrix(reference, "q")[rows], lever_v)
     pos_n = geodetic_to_enu(vector(gnss, "lat"), vector(gnss, "lon"), vector(gnss, "height"), anchor)

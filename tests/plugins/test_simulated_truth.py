@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_drives import EPS, MOTIONS, felt, learnt, simulate, triple
+from metric_rows import values_by_name
+from simulated_drives import EPS, MOTIONS, felt, simulate, triple
 
 from recon.numerics.geodesy import (
     Anchor,
@@ -150,7 +151,7 @@ def test_motions_take_their_shape_from_the_parameters() -> None:
 @pytest.mark.parametrize("sensors", ["study_one", "study_two"])
 def test_the_rear_axle_runs_along_the_road_but_for_its_slip(sensors: str) -> None:
     streams = simulate(motion="mixed", duration="600 s", sensors=sensors)
-    reference, told = streams["reference"], learnt(streams)
+    reference, told = streams["reference"], values_by_name(streams)
     vel_v = rotate(conjugate(matrix(reference, "q")), matrix(reference, "vel"))
     axle_v = vel_v + np.cross(matrix(reference, "gyro"), triple(told, "true_rear_axle"))
     lateral = matrix(reference, "accel")[:, 1]

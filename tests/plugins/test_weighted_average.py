@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metric_rows import row_named
 
 from recon import GNSS, TRAJECTORY, build, matrix, meta, vector, with_meta
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
@@ -33,11 +34,6 @@ def gnss_of(t_s, sigma=0.0, **groups):
 
 def fuse(trajectory, gnss, **params):
     return weighted_average(trajectory=trajectory, gnss=gnss, params=AverageParams(**params))
-
-
-def metric(result, name):
-    (row,) = (row for row in result["metrics"].to_pylist() if row["name"] == name)
-    return row["value"]
 
 
 def written_out(t_s, pos, vel, gnss_pos, gnss_vel, weight, velocity_weight):
@@ -97,7 +93,7 @@ def test_a_drifting_inertial_trajectory_is_held_to_what_the_weights_promise():
     error = matrix(result["trajectory"], "pos") - CIRCLE.at(t_s).pos_n
     # Steady state: velocity is off by drift x tau, position by that times tau once more; tau = 0.995 s. Besides, the
     # straight lines between fixes cut the circle by up to 5 mm: see the test with perfect sensors.
-    tau = metric(result, "velocity_time_constant")
+    tau = row_named(result, "velocity_time_constant")["value"]
     assert tau == pytest.approx(0.995, abs=1e-3)
     np.testing.assert_allclose(error[3000:], np.tile(drift * tau**2, (3000, 1)), atol=0.005)
     alone = np.linalg.norm(matrix(inertial(t_s, drift), "pos")[-1] - CIRCLE.at(t_s[-1:]).pos_n[0])
@@ -122,7 +118,7 @@ def test_inside_an_outage_the_trajectory_moves_as_inertia_says():
     steps = np.diff(matrix(result["trajectory"], "pos")[inside], axis=0)
     expected = np.diff(matrix(inertial(t_s, (0.1, 0.0, 0.0)), "pos")[inside], axis=0)
     np.testing.assert_allclose(steps, expected, atol=1e-12)
-    assert metric(result, "position_records_with_gnss") == pytest.approx(0.5, abs=0.01)
+    assert row_named(result, "position_records_with_gnss")["value"] == pytest.approx(0.5, abs=0.01)
 
 
 def test_height_is_inertial_unless_gnss_is_asked_for():
@@ -223,4 +219,4 @@ def test_a_late_speed_that_agrees_is_not_warned_of():
     t_s = np.arange(0.0, 20.0, 0.1)
     result = fuse(inertial(np.arange(0.0, 20.0, 0.01)), gnss_of(t_s, speed=np.full(len(t_s), 9.0)))
     assert warnings_of(result["metrics"]) == []
-    assert metric(result, "speed_ratio") == pytest.approx(1.0, abs=0.01)
+    assert row_named(result, "speed_ratio")["value"] == pytest.approx(1.0, abs=0.01)
