@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -37,7 +38,12 @@ def compare(
         typer.Option(metavar="REF", help="What they err against: a run, or any log with a reference; else their own."),
     ] = None,
     exports: Annotated[
-        list[str] | None, typer.Option("--export", metavar="NAME", help="Exporters of that result: plots, rerun, ...")
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="NAME",
+            help="Exporters of that result in place of plots: rerun, map, ...",
+        ),
     ] = None,
     everything: Annotated[
         bool, typer.Option("--all", help="Show results that are the same, or that one run alone has, too.")
@@ -57,13 +63,16 @@ def compare(
     registry = registry_of(blocked, first_party_only)
     finished = [api.open(run) for run in runs]
     found = comparison.compare(finished, _reference(reference, registry))
-    with accounted({"the overlay": out} if out is not None else {}):
-        named = exports or ["plots"]
-        overlay = _overlay(finished, out, named, overwrite=overwrite, registry=registry) if out is not None else None
-        if as_json:
-            console.write_json({**found.as_data(), "overlay": str(out) if overlay else None})
-        else:
-            console.write(as_text(found, overlay, everything=everything))
+    if not as_json:
+        console.write(as_text(found, everything=everything))
+    if out is not None:
+        with accounted({"the overlay": out}):
+            named = _drawn() if exports is None else exports
+            overlay = _overlay(finished, out, named, overwrite=overwrite, registry=registry)
+        if not as_json:
+            console.write("\n" + _laid_over(overlay, drawn=bool(named)))
+    if as_json:
+        console.write_json({**found.as_data(), "overlay": None if out is None else str(out)})
 
 
 def _refuse(runs: Sequence[Path], exports: Sequence[str] | None, out: Path | None) -> None:
@@ -97,10 +106,22 @@ def _reference(path: Path | None, registry: Registry) -> pa.Table | None:
     return evaluation.reference_in(api.read(path, registry=registry))[1]
 
 
-def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False) -> str:
-    """The comparison for people: a line each, values below each other."""
+def _drawn() -> list[str]:
+    """What is exported of the overlay where nothing is named: its plots, if what draws them is installed."""
+    return ["plots"] if find_spec("matplotlib") else []
+
+
+def _laid_over(overlay: Run, *, drawn: bool) -> str:
+    """Where the overlay is, for people."""
     from recon.cli._results import exported
 
+    files = [("export", str(path)) for path in exported(overlay)]
+    none = [] if drawn else [("plots", 'none: they need matplotlib, pip install "recon-dynamics[report]"')]
+    return "laid over each other\n" + console.table([*files, *none, ("result", str(overlay.folder))])
+
+
+def as_text(found: Comparison, *, everything: bool = False) -> str:
+    """The comparison for people: a line each, values below each other."""
     shown = [row for row in found.results if everything or (row.differs and row.everywhere)]
     parts = [
         _section("made differently", found.runs, found.settings),
@@ -108,9 +129,6 @@ def as_text(found: Comparison, overlay: Run | None, *, everything: bool = False)
         _distances(found),
         errors_beside(found),
     ]
-    if overlay is not None:
-        files = [("export", str(path)) for path in exported(overlay)]
-        parts.append("laid over each other\n" + console.table([*files, ("result", str(overlay.folder))]))
     return "\n\n".join(part for part in parts if part)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,23 @@ def test_the_command_tells_people_and_writes_an_overlay(tmp_path, capsys):
     assert "3.000" in told
     assert (out / "exports" / "plots" / "track.png").is_file()
     assert list(recon.open(out).recording) == ["trajectory", "trajectory_2", "gnss"]
+
+
+def test_without_what_draws_plots_there_is_still_an_overlay(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    made(tmp_path, "a"), made(tmp_path, "b", shift=3.0)
+    out = tmp_path / "both"
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)]) == 0
+    assert "plots   none: they need matplotlib" in capsys.readouterr().out
+    assert not (out / "exports").exists()
+
+
+def test_what_was_found_is_told_before_an_export_fails(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    made(tmp_path, "a"), made(tmp_path, "b", shift=3.0)
+    pair = [str(tmp_path / "a"), str(tmp_path / "b")]
+    assert main(["compare", *pair, "--out", str(tmp_path / "both"), "--export", "plots"]) == 3
+    assert "b: position, horizontal [m]" in capsys.readouterr().out
 
 
 def test_the_command_tells_programs(tmp_path, capsys):
