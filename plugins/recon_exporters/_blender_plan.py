@@ -49,6 +49,7 @@ WHEELBASE: Final = 2.65
 WHEEL_RADIUS: Final = 0.32
 """m"""
 LARGEST_STEERING: Final = np.radians(38.0)
+"""rad of the front wheels, as far as those of a car turn."""
 SLOW: Final = 1.0
 """m/s below which a yaw rate says less and less about the wheels."""
 SMOOTHING: Final = 0.5

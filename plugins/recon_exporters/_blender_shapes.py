@@ -44,9 +44,11 @@ CORNERS: Final = 12
 BELOW: Final = 0.25
 """m by which the ground lies lower than the strip, so that it never covers it on a slope."""
 _GRID: Final = 64
+"""Lines of the ground across the path, in each direction."""
 _FAR: Final = np.array([30.0, 80.0, 200.0, 600.0, 2000.0, 6000.0])
 """m beyond the path where the ground has further lines."""
 _SUPPORT: Final = 400
+"""Points of the path, at the most, whose heights the ground is the mean of."""
 
 
 def path_of(position: Array, heading: Array, std: Array, lost: NDArray[np.bool_]) -> Arrays:

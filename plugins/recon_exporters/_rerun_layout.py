@@ -31,8 +31,11 @@ class Shown:
 
 
 _EARTH_M: Final = 4.0e7
+"""m around the equator."""
 _HALF_WINDOW_PX: Final = 100.0
+"""px from the middle of the map to its nearest edge, in a small window."""
 _TABS: Final = {"motion": "Motion", "attitude": "Motion", "uncertainty": "Sigmas", "residuals": "Residuals"}
+"""Tab of each group of panels."""
 
 
 def layout(shown: Shown) -> rrb.Blueprint:

@@ -36,11 +36,13 @@ _SCALARS: Final = {
 }
 _NOT_MEASURED: Final = r"accuracy|std|sigma|variance|error|view|timestamp|wheel|angular|true|magnetic"
 _SPEEDS: Final = {"m/s": 1.0, "kn": 3600.0 / 1852.0, "mph": 1.0 / 0.44704, "km/h": 3.6}
+"""How many of each unit 1 m/s is."""
 _SAME_SPEED: Final = 0.06
 """Logarithm of a ratio; those of knots and miles per hour are 0.14 apart."""
 _SHORTEST_WAY: Final = 300.0
 """m, below which the noise of positions counts."""
-EARTH_RADIUS: Final = 6_371_000.0
+_EARTH_RADIUS: Final = 6_371_000.0
+"""m"""
 _AXIS: Final = re.compile(r"(.*?)([xyz])")
 _TURNS: Final = {"rollrate": "x", "pitchrate": "y", "yawrate": "z"}
 
@@ -221,7 +223,7 @@ def _speed_unit(values: dict[str, Array], time: TimeLook) -> tuple[str, str]:
         return plain
     lat, lon = np.deg2rad(values["lat"]), np.deg2rad(values["lon"])
     there = ~np.isnan(lat) & ~np.isnan(lon) & (np.abs(lat) + np.abs(lon) > 0)
-    way = EARTH_RADIUS * np.hypot(np.diff(lat[there]), np.diff(lon[there]) * np.cos(lat[there][1:]))
+    way = _EARTH_RADIUS * np.hypot(np.diff(lat[there]), np.diff(lon[there]) * np.cos(lat[there][1:]))
     if way.sum() < _SHORTEST_WAY:
         return plain
     ratio = float(np.nanmean(values["speed"]) * lasted / way.sum())

@@ -19,6 +19,7 @@ HALF_LENGTH, HALF_WIDTH = 2.16, 0.90
 SPACE, SHAFT, HEAD = 0.25, 1.6, 0.7
 """m from the outline to the tip; lengths of the two parts of the arrow."""
 THIN, WIDE, SIDES = 0.11, 0.30, 24
+"""m, radius of the shaft and of the broad end of the head; corners of both."""
 ALOFT = 0.9
 """m above the ground, the tip."""
 TILT = np.radians(30.0)

@@ -13,6 +13,7 @@ from .materials import checkered, from_hex, glowing, grid_faces, mesh, solid, th
 SCALE = ("#3b528b", "#21918c", "#5ec962", "#fde725")
 """From slow to fast: viridis without its darkest quarter; it rises in lightness for every eye."""
 CLASSES = 16
+"""Of speed, from 0 to the highest, a colour each."""
 FIX = "#E69F00"
 DOUBT = "#CC79A7"
 PATH_WIDTH = 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import bpy
@@ -110,6 +111,4 @@ def _progress(layout: Any, given: Any) -> None:
 
 def _lines(text: str, width: int = 44) -> list[str]:
     """Words in lines: a label does not wrap."""
-    import textwrap
-
     return textwrap.wrap(text, width)
