@@ -78,11 +78,19 @@ class Run:
             found["stops"] = len(spans(self.events, "standstill"))
         return {**found, "warnings": len(self.warnings)}
 
+    @property
+    def _name(self) -> str:
+        return str(self.manifest.get("pipeline", {}).get("name", "run"))
+
+    def __repr__(self) -> str:
+        facts = ", ".join(f"{key} {value:,.6g}" for key, value in self.summary().items())
+        kept = f", folder {str(self.folder)!r}" if self.folder else ""
+        return f"Run(pipeline {self._name!r}{kept}, {facts}, {self.recording!r})"
+
     def _repr_html_(self) -> str:
         facts = self.summary().items()
         cells = "".join(f"<tr><td>{escape(key)}</td><td>{value:,.6g}</td></tr>" for key, value in facts)
-        name = escape(str(self.manifest.get("pipeline", {}).get("name", "run")))
-        return f"<b>{name}</b><table>{cells}</table>{self.recording._repr_html_()}"
+        return f"<b>{escape(self._name)}</b><table>{cells}</table>{self.recording._repr_html_()}"
 
 
 def run(

@@ -52,6 +52,9 @@ class Recording(Mapping[str, pa.Table]):
         timed = [time_ns(t) for t in self.values() if "time" in t.column_names and t.num_rows]
         return (min(int(t.min()) for t in timed), max(int(t.max()) for t in timed)) if timed else None
 
+    def __repr__(self) -> str:
+        return f"Recording({', '.join(f'{name}: {table.num_rows:,} rows' for name, table in self.items())})"
+
     def _repr_html_(self) -> str:
         rows = [(name, f"{table.num_rows:,}", ", ".join(table.column_names)) for name, table in self.items()]
         lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)

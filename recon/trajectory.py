@@ -208,11 +208,19 @@ class Trajectory:
         attitude = slerp(at, since, matrix(self.table, "q")) if has(self.table, "q") else np.full((len(at), 4), np.nan)
         return Poses(t_ns.view("datetime64[ns]"), between("pos"), between("vel"), attitude, lat, lon, height)
 
-    def _repr_html_(self) -> str:
+    def _facts(self) -> dict[str, str]:
         facts = {"rows": f"{len(self):,}", "duration": f"{self.duration:.1f} s", "path": f"{self.path_length:.1f} m"}
         if len(self):
             facts["top speed"] = f"{self.speed.max():.2f} m/s"
-        cells = "".join(f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in facts.items())
+        return facts
+
+    def __repr__(self) -> str:
+        return f"Trajectory({', '.join(f'{key} {value}' for key, value in self._facts().items())})"
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><td>{escape(key)}</td><td>{escape(value)}</td></tr>" for key, value in self._facts().items()
+        )
         return f"<table>{cells}</table>"
 
 

@@ -99,6 +99,13 @@ def test_html_holds_name_and_streams(log):
     assert "trajectory" in html
 
 
+def test_a_run_is_printed_in_a_line(log):
+    found = repr(follow_run(log))
+    assert found.startswith("Run(pipeline 'follow', distance 0.03, duration 0.02, top_speed 2, stops 1, warnings 1, ")
+    assert "trajectory: 3 rows" in found
+    assert "\n" not in found
+
+
 @pytest.mark.parametrize("store", ["parquet", "mcap"])
 def test_a_kept_run_is_opened_with_the_same_numbers(log, tmp_path, store):
     run = follow_run(log, tmp_path / "out", store=store)

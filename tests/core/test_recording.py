@@ -39,3 +39,9 @@ def test_the_span_covers_all_streams_and_is_none_without_rows():
 
 def test_html_escapes_names():
     assert "&lt;b&gt;" in Recording({"<b>": imu_table()})._repr_html_()
+
+
+def test_it_is_printed_in_a_line():
+    found = repr(Recording({"imu": imu_table()}))
+    assert found.startswith("Recording(imu: ")
+    assert "\n" not in found

@@ -157,6 +157,7 @@ def test_speed_path_length_and_duration() -> None:
     assert found.path_length == pytest.approx(50.0, rel=10.0 * EPS)
     assert (found.duration, len(found)) == (10.0, 11)
     assert "50.0 m" in found._repr_html_()
+    assert repr(found) == "Trajectory(rows 11, duration 10.0 s, path 50.0 m, top speed 5.00 m/s)"
 
 
 def knots(shared: Floats) -> pa.Table:
