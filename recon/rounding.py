@@ -26,6 +26,11 @@ def rounded(value: float, sigma: float | None = None, digits: int = 4) -> str:
     return text if float(text) else text.lstrip("-")
 
 
+def occasions(count: int) -> str:
+    """`once`, else `3 times`."""
+    return "once" if count == 1 else f"{count} times"
+
+
 def with_unit(text: str, unit: str | None) -> str:
     """`12 km/h`; a degree sign follows its number at once, and 1 and none are no unit."""
     return text if unit in (None, "", "1") else f"{text}{'' if unit == '°' else ' '}{unit}"

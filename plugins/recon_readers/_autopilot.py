@@ -119,7 +119,8 @@ def boot_ns(counts: Times, factor: int) -> Times:
 def account(log: Log, damaged: int, what: str) -> None:
     """Tell of places in the log that are damaged."""
     if damaged:
-        text = f"{log.path.name} is cut short or damaged ({damaged} times): every whole message is used"
+        where = "in one place" if damaged == 1 else f"in {damaged} places"
+        text = f"{log.path.name} is cut short or damaged {where}: every whole message is used"
         log.learnt += [Metric("damaged_places", float(damaged), note=what), warning(text)]
 
 

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from recon.errors import ReadFailed
+from recon.rounding import occasions
 from recon.rows import Metric, warning
 from recon.schema import group_of
 from recon.tables import Array
@@ -80,7 +81,8 @@ def possible(
         at = line(row) if line is not None else None
         raise ReadFailed(path, what, line=at, hint="the file is damaged, or of another unit or format")
     left_out = Metric("values_left_out", float(count), method=stream, note=what)
-    return np.where(outside, np.nan, values), [left_out, warning(f"left out of {path.name}: {what} ({count} times)")]
+    text = f"left out of {path.name}: {what} ({occasions(count)})"
+    return np.where(outside, np.nan, values), [left_out, warning(text)]
 
 
 def refuse_impossible(path: Path, **groups: Array) -> None:

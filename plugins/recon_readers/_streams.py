@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from recon.rounding import occasions
 from recon.rows import Metric, warning
 from recon.schema import Schema, group_of, spread
 from recon.tables import Array, build
@@ -113,4 +114,4 @@ def _without_zero_place(found: dict[str, Array]) -> None:
 def _count(source: Source, what: str, count: int, learnt: list[Metric]) -> None:
     if count:
         learnt.append(Metric("values_left_out", float(count), method=source.name, note=what))
-        learnt.append(warning(f"left out of {source.path.name}, {source.name}: {what} ({count} times)"))
+        learnt.append(warning(f"left out of {source.path.name}, {source.name}: {what} ({occasions(count)})"))

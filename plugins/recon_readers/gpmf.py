@@ -172,7 +172,7 @@ def _spans(
         return [place.start_ns or 0 for place in own], [place.duration_ns or 0 for place in own]
     if params.payload is None:
         hint = "read the MP4 that it was taken from, or set reader.gpmf.payload: 1.001 s in most cameras"
-        raise ReadFailed(path, f"raw GPMF does not tell how long its {len(places)} payload(s) last", hint=hint)
+        raise ReadFailed(path, f"raw GPMF does not tell how long its payloads last ({len(places)} in all)", hint=hint)
     length = round(params.payload * NS)
     return [part.number * length for part in parts], [length] * len(parts)
 

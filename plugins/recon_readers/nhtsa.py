@@ -29,6 +29,7 @@ import pyarrow as pa
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import NoParams
+from recon.rounding import occasions
 from recon.rows import Event, Metric, events, metrics, warning
 from recon.schema import EVENTS, IMU, Change, spread
 from recon.stages import Reader, Sniff
@@ -231,7 +232,9 @@ def _curve(path: Path) -> tuple[Times, Array, list[Metric]]:
     learnt = lines.learnt() if lines.skipped else []
     lost = len(rows) - int(rows.sum())
     if lost:
-        learnt.append(warning(f"left out of {path.name}: time is missing, repeats or is out of order ({lost} times)"))
+        learnt.append(
+            warning(f"left out of {path.name}: time is missing, repeats or is out of order ({occasions(lost)})")
+        )
     return kept(t_ns, rows), kept(lines.columns.pop("value"), rows), learnt
 
 

@@ -203,7 +203,8 @@ def _counted(path: Path, found: Messages) -> list[Metric]:
     learnt = [Metric("messages", float(found.counts.total()), note=_about(found))]
     if found.damaged:
         learnt.append(Metric("damaged_messages", float(found.damaged), note="wrong checksum or cut off: left out"))
-        learnt.append(warning(f"left out of {path.name}: {found.damaged} message(s) with a wrong checksum or cut off"))
+        many = f"{found.damaged} message{'s' * (found.damaged != 1)}"
+        learnt.append(warning(f"left out of {path.name}: {many} with a wrong checksum or cut off"))
     return learnt
 
 

@@ -29,6 +29,7 @@ from recon.extras import needs
 from recon.hookspecs import hookimpl
 from recon.numerics.geodesy import Anchor
 from recon.parameters import NoParams
+from recon.rounding import occasions
 from recon.rows import Metric, warning
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams
@@ -89,7 +90,7 @@ def _load(path: Path, topics: Sequence[str], log: Log) -> dict[tuple[str, int], 
         log.learnt += [Metric("damaged_places", note=said.getvalue().strip()[:200]), warning(text)]
     lost_ms = sum(dropout.duration for dropout in ulog.dropouts)
     if ulog.dropouts:
-        note = f"{len(ulog.dropouts)} times the autopilot could not write as fast as it measured"
+        note = f"the autopilot could not write as fast as it measured, {occasions(len(ulog.dropouts))}"
         log.learnt.append(Metric("dropouts", lost_ms * 1e-3, "s", note=note))
     return {(data.name, data.multi_id): data for data in ulog.data_list if "timestamp" in data.data}
 

@@ -48,7 +48,7 @@ def test_without_stamps_the_track_tells_the_times(tmp_path: Path) -> None:
 
 def test_a_raw_file_without_times_asks_for_them(tmp_path: Path) -> None:
     raw = b"".join(log_files.gpmf_payloads(3, stamps_us=False))
-    with pytest.raises(ReadFailed, match=r"does not tell how long its 3 payload\(s\) last") as caught:
+    with pytest.raises(ReadFailed, match=r"does not tell how long its payloads last \(3 in all\)") as caught:
         read(tmp_path, raw)
     assert "set reader.gpmf.payload" in caught.value.hint
     assert read(tmp_path, raw, payload=1.0)["imu"].num_rows == 300
