@@ -40,6 +40,7 @@ def as_data(one: Finding) -> Json:
         "code": one.code,
         "status": one.status,
         "value": one.value,
+        "unit": one.unit,
         "confidence": round(one.confidence, 4),
         "statistic": {name: value for name, value in one.statistic.items() if np.isfinite(value)},
         "explanation": one.explanation,
@@ -62,7 +63,7 @@ def metric_of(one: Finding) -> Metric:
             ],
         }
     value = float(one.value) if isinstance(one.value, float | int) else None
-    return Metric(f"{PREFIX}{one.code}", value, method=one.status, note=json.dumps(data, allow_nan=False))
+    return Metric(f"{PREFIX}{one.code}", value, one.unit, method=one.status, note=json.dumps(data, allow_nan=False))
 
 
 def _rounded(values: Sequence[float] | np.ndarray) -> list[float]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any, Final
 
 import pyarrow as pa
+
+from recon.rounding import rounded, with_unit
 
 PREFIX: Final = "finding_"
 """Metrics of that name are findings."""
@@ -17,3 +20,13 @@ def findings_in(metrics: pa.Table | None) -> list[dict[str, Any]]:
         return []
     rows = metrics.select(["name", "note"]).to_pylist()
     return [json.loads(row["note"]) for row in rows if (row["name"] or "").startswith(PREFIX)]
+
+
+def value_text(one: Mapping[str, Any]) -> str:
+    """The value of a finding with its unit, for people; "" where it has none."""
+    value, unit = one["value"], one.get("unit", "")
+    if value is None or isinstance(value, str):
+        return value or ""
+    if unit == "s" and 0.0 < abs(value) < 0.1:
+        value, unit = 1e3 * value, "ms"
+    return with_unit(rounded(value, digits=3), unit)

@@ -76,6 +76,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     """The analyzer `doctor`."""
     yield Analyzer(
         name="doctor",
+        version=2,
         summary="Whether units, axes, clocks, samples and receiver are what they are taken for, by the data alone.",
         params=DoctorParams,
         run=examine_log,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from recon.findings import PREFIX
+from recon.findings import PREFIX, value_text
 from recon_exporters._chart import Window, figure
 from recon_exporters._panels import Curve, Panel
 from recon_exporters._words import unit_symbol
@@ -45,10 +45,8 @@ def findings_section(found: Iterable[Mapping[str, Any]], start_ns: int) -> str:
 
 
 def _value(one: Mapping[str, Any]) -> str:
-    value = one["value"]
-    if value is None:
-        return ""
-    return f" = {escape(value if isinstance(value, str) else f'{value:.4g}')}"
+    text = value_text(one)
+    return f" = {escape(text)}" if text else ""
 
 
 def _at_length(one: Mapping[str, Any], evidence: Mapping[str, Any] | None, start_ns: int) -> str:

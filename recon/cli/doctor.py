@@ -183,7 +183,9 @@ def _in_short(some: Sequence[dict[str, Any]], width: int | None) -> list[str]:
     """A line for each finding; in a terminal of so many columns it goes on below itself, and the value is left out."""
     import textwrap
 
-    told = [(one["code"], _value(one), _first_sentence(one["explanation"])) for one in some]
+    from recon.findings import value_text
+
+    told = [(one["code"], value_text(one) or "-", _first_sentence(one["explanation"])) for one in some]
     if width is None:
         return [console.table(told)]
     edge = 4 + max(len(code) for code, _, _ in told)
@@ -198,18 +200,13 @@ def _at_length(one: dict[str, Any]) -> list[str]:
     """A finding that matters, in full, and what to do."""
     import textwrap
 
-    lines = [f"  {one['code']} = {_value(one)}   ({100.0 * one['confidence']:.1f} % sure)"]
+    from recon.findings import value_text
+
+    lines = [f"  {one['code']} = {value_text(one)}   ({100.0 * one['confidence']:.1f} % sure)"]
     lines += textwrap.wrap(one["explanation"], _WIDTH, initial_indent="    ", subsequent_indent="    ")
     if one["yaml"]:
         lines += ["    put right by", *(f"      {line}" for line in one["yaml"].rstrip().split("\n"))]
     return lines
-
-
-def _value(one: dict[str, Any]) -> str:
-    value = one["value"]
-    if value is None:
-        return "-"
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def _first_sentence(text: str) -> str:

@@ -105,7 +105,7 @@ def test_the_command_tells_what_is_wrong_and_exits_with_0(standing, capsys):
     assert found["accel_unit"]["value"] == "g"
     assert found["axes"]["value"] == "+y up"
     assert found["reversals"]["value"] == 1.0
-    assert set(found["axes"]) == {"code", "status", "value", "confidence", "statistic", "explanation", "yaml"}
+    assert set(found["axes"]) == {"code", "status", "value", "confidence", "statistic", "explanation", "yaml", "unit"}
 
 
 def test_the_pipeline_that_it_writes_reads_the_log_in_the_right_unit(standing, tmp_path, capsys):

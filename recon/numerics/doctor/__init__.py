@@ -28,6 +28,8 @@ CODES: Final = (
     *("height_datum", "lat_lon", "gaps", "jitter", "duplicates", "reversals", "clipping", "quantisation"),
     *("dead_channel", "gnss_sigma", "noise_class"),
 )
+_OF_GNSS: Final = ("speed_unit", "heading_kind", "lat_lon", "gnss_sigma")
+"""What GNSS alone is asked."""
 _MOVING: Final = 1.0
 """m/s."""
 
@@ -45,7 +47,7 @@ def examine(log: Log, classes: Sequence[tuple[str, float, float]]) -> tuple[list
         found[one.code] = one
     if imu is not None:
         found = {code: _shown(one, imu, both.motion) for code, one in found.items()}
-    return [found.get(code) or unknown(code, _lacking(imu, gnss)) for code in CODES], both.letters
+    return [found.get(code) or unknown(code, _lacking(code, imu, gnss)) for code in CODES], both.letters
 
 
 def _of_receiver(gnss: Gnss | None, log: Log) -> list[Finding]:
@@ -120,7 +122,9 @@ def _moving(imu: Imu | None, gnss: Gnss | None) -> np.ndarray | None:
     return np.asarray(speed > _MOVING)
 
 
-def _lacking(imu: Imu | None, gnss: Gnss | None) -> str:
+def _lacking(code: str, imu: Imu | None, gnss: Gnss | None) -> str:
+    if gnss is None and code in _OF_GNSS:
+        return "The log holds no GNSS, or a single fix of it."
     if imu is None:
         return "The log holds no IMU."
     return (

@@ -30,7 +30,7 @@ def clock_drift(clocks: Clocks, gnss: Gnss) -> Finding:
     """Do the clocks run equally fast, without a jump?"""
     code = "clock_drift"
     if clocks.blocks is None:
-        return unknown(code, "There is no IMU to compare with GNSS.")
+        return unknown(code, "The IMU has too few rows to compare with GNSS.")
     own = gnss.later(-clocks.shift_s)
     t_s, lag_s, sigma_s = _pieces(clocks.blocks, own)
     if len(t_s) < 3:

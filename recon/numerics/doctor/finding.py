@@ -16,6 +16,18 @@ Status = Literal["confirmed", "contradicted", "unknown"]
 
 SURE: Final = 0.999
 """Confidence of what needs no statistics: a count, a comparison of two numbers far apart."""
+_UNITS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("gnss_position_lag", "gnss_velocity_lag", "leap_seconds", "gaps", "jitter"), "s"),
+    "mounting": "deg",
+    "clock_drift": "ppm",
+    "time_zone": "h",
+    "height_datum": "m",
+    "duplicates": "of the rows",
+    "reversals": "rows",
+    "gnss_sigma": "times",
+    "noise_class": "times",
+}
+"""Of the values that are numbers, by code, where a finding does not say another."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +58,7 @@ class Finding:
     statistic : the numbers that it rests on, by name, units in the names
     explanation : for somebody who knows his vehicle and no navigation
     yaml : what to write into a pipeline, "" where nothing need be done
+    unit : of a value that is a number, or what is counted; else ""
     """
 
     code: str
@@ -56,6 +69,11 @@ class Finding:
     explanation: str
     yaml: str = ""
     picture: Picture | None = field(default=None, compare=False)
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.unit and isinstance(self.value, float | int):
+            object.__setattr__(self, "unit", _UNITS.get(self.code, ""))
 
     def shown_by(self, picture: Picture) -> Finding:
         """With the evidence."""

@@ -25,12 +25,16 @@ _SURE_OF_POSITIONS: Final = 4.0
 """The same of positions, whose slow errors look like a lag."""
 _LIKELY: Final = 2.0
 """Standard deviations from which a lag is not called none either."""
-_ON_TIME: Final = "{} are on time as far as this log can tell: late by {:.2f} s, give or take {:.2f} s."
-_PERHAPS: Final = "{} may be late, by {:.2f} s, give or take {:.2f} s: too little driving to be sure."
+_ON_TIME: Final = "{} are on time as far as this log can tell: {}."
+_PERHAPS: Final = "{} may be {}: too little driving to be sure."
 _NOTICED_S: Final = 0.1
 """A lag below does no harm: fuser.map finds it."""
 _SPAN_S, _NEAR_S = 4.0, 8.0
 _WORDS: Final = "each GNSS value belongs to a time {0:.2f} s before the one that stands beside it"
+
+
+def _told(lag: Lag) -> str:
+    return f"{abs(lag.seconds):.2f} s {'late' if lag.seconds >= 0.0 else 'early'}, give or take {lag.sigma:.2f} s"
 
 
 def velocity_lag(clocks: Clocks, imu: Imu, gnss: Gnss) -> Finding:
@@ -51,9 +55,9 @@ def velocity_lag(clocks: Clocks, imu: Imu, gnss: Gnss) -> Finding:
         own = gnss.later(-clocks.shift_s)
         deviations = numbers["deviations"] = max(deviations, _apart(imu, own, lag.seconds))
     if size >= _NOTICED_S and _LIKELY <= deviations < _SURE:
-        return unknown(code, _PERHAPS.format("Speeds and courses", lag.seconds, lag.sigma), **numbers)
+        return unknown(code, _PERHAPS.format("Speeds and courses", _told(lag)), **numbers)
     if size < _NOTICED_S or deviations < _SURE:
-        text = _ON_TIME.format("Speeds and courses", lag.seconds, lag.sigma)
+        text = _ON_TIME.format("Speeds and courses", _told(lag))
         return confirmed(code, value, text, **numbers)
     when = (
         _WORDS.format(lag.seconds)
@@ -87,9 +91,9 @@ def position_lag(clocks: Clocks, gnss: Gnss) -> Finding:
     numbers = {"lag_s": lag.seconds, "sigma_s": lag.sigma}
     value = round(lag.seconds, 3)
     if _NOTICED_S <= abs(lag.seconds) < _SURE_OF_POSITIONS * lag.sigma and _LIKELY * lag.sigma <= abs(lag.seconds):
-        return unknown(code, _PERHAPS.format("Positions", lag.seconds, lag.sigma), **numbers)
+        return unknown(code, _PERHAPS.format("Positions", _told(lag)), **numbers)
     if abs(lag.seconds) < max(_NOTICED_S, _SURE_OF_POSITIONS * lag.sigma):
-        text = _ON_TIME.format("Positions", lag.seconds, lag.sigma)
+        text = _ON_TIME.format("Positions", _told(lag))
         return confirmed(code, value, text, **numbers)
     if lag.seconds > 0:
         text = f"GNSS positions are late: {_WORDS.format(lag.seconds)}; at 50 km/h that is {13.9 * lag.seconds:.0f} m."

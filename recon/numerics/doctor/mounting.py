@@ -46,7 +46,9 @@ def _angles(axes: Axes) -> str:
         -np.arcsin(np.clip(vs[2, 0], -1, 1)),
         np.arctan2(vs[2, 1], vs[2, 2]),
     )
-    return ", ".join(f"{n} {np.degrees(a):.0f} deg" for n, a in (("roll", roll), ("pitch", pitch), ("yaw", yaw)))
+    return ", ".join(
+        f"{n} {round(float(np.degrees(a)))} deg" for n, a in (("roll", roll), ("pitch", pitch), ("yaw", yaw))
+    )
 
 
 def _felt(imu: Imu, motion: Motion | None) -> tuple[Floats, Floats]:

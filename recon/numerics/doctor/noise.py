@@ -28,7 +28,7 @@ def noise_class(
     """
     code = "noise_class"
     if blocks is None:
-        return unknown(code, "The log holds no IMU.")
+        return unknown(code, "The IMU has too few rows to tell its noise.")
     still, _ = find_stops(blocks, fix_t_s, fix_speed)
     gyro, accel = still_noise(blocks, still)
     if gyro is None or accel is None:

@@ -177,20 +177,28 @@ def height_datum(heights: Mapping[str, tuple[Floats, Floats]], claims: Claims) -
         numbers = {"difference_m": middle, "spread_m": spread}
         if _GEOID_M[0] < abs(middle) < _GEOID_M[1] and spread < 0.25 * abs(middle):
             text = (
-                f"Heights of {one} and {other} differ by {middle:.1f} m throughout: one counts from the ellipsoid that "
-                "satellites know, the other from sea level."
+                f"Heights of {one} and {other} differ by {abs(middle):.1f} m throughout: one counts from the ellipsoid "
+                "that satellites know, the other from sea level."
             )
             return contradicted(code, round(middle, 1), text, **numbers)
         text = (
-            f"Heights of {one} and {other} agree to {abs(middle):.1f} m: both count from the same surface; which one "
-            f"that is they do not tell, taken for: {claims.height_datum or 'nothing'}."
+            f"Heights of {one} and {other} agree to {max(abs(middle), 0.1):.1f} m: both count from the same surface. "
+            f"Which one that is they do not tell; {_taken(claims)}."
         )
         return confirmed(code, round(middle, 1), text, **numbers)
+    if not any(np.isfinite(height).any() for _, height in heights.values()):
+        return unknown(code, "The log holds no heights.")
     text = (
         "A single source of heights does not tell whether it counts from the ellipsoid or from sea level (up to 100 m "
-        f"apart); taken for: {claims.height_datum or 'nothing'}."
+        f"apart); {_taken(claims)}."
     )
     return unknown(code, text)
+
+
+def _taken(claims: Claims) -> str:
+    """From where heights are taken to count."""
+    surface = {"ellipsoid": "the ellipsoid", "mean_sea_level": "mean sea level"}.get(claims.height_datum)
+    return f"they are taken to count from {surface}" if surface else "the log does not say which is meant"
 
 
 def gnss_sigma(gnss: Gnss) -> Finding:

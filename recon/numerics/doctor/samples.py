@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -43,10 +44,12 @@ def gaps(imu: Imu) -> Finding:
     if not len(holes):
         return confirmed(code, 0.0, f"No hole in {t_s[-1] - t_s[0]:.0f} s of the IMU.", **numbers)
     worst = int(step.argmax())
-    text = (
-        f"The IMU is silent {len(holes)} times, for {step[holes].sum():.3g} s in all; the longest hole is "
-        f"{step[worst]:.3g} s, at {t_s[worst]:.1f} s. What the vehicle did there was not measured."
-    )
+    if len(holes) == 1:
+        silent = f"once, for {step[worst]:.3g} s, at {t_s[worst]:.1f} s"
+    else:
+        silent = f"{len(holes)} times, for {step[holes].sum():.3g} s in all; the longest hole is {step[worst]:.3g} s"
+        silent += f", at {t_s[worst]:.1f} s"
+    text = f"The IMU is silent {silent}. What the vehicle did there was not measured."
     return contradicted(code, float(step.max()), text, **numbers)
 
 
@@ -64,7 +67,7 @@ def jitter(imu: Imu) -> Finding:
     if spread <= _JITTER * usual:
         least = max(1e3 * size, 1e-3)
         text = f"The times of the IMU are even: a step is {1e3 * usual:.4g} ms, give or take {least:.2g} ms."
-        return confirmed(code, round(size, 9), text, **numbers)
+        return confirmed(code, round(size, 6), text, **numbers)
     text = (
         f"The times of the IMU are uneven: a step is {1e3 * usual:.4g} ms, give or take {1e3 * spread:.2g} ms. Either "
         "the sensor was read unevenly, which does no harm, or the logger stamped rows when it found the time, and then "
@@ -99,14 +102,16 @@ def duplicates(imu: Imu | None, gnss: Gnss | None, claims: Claims) -> Finding:
     times = claims.dropped.get("same time", 0.0)
     found["same_time_rows"] = times
     if times:
-        texts.append(f"{times:.0f} rows have the time of another row")
+        texts.append(f"{times:.0f} rows have the time of another row" if times > 1 else "a row has the time of another")
     if not found.keys() - {"same_time_rows"} and not times:
         return unknown(code, "The log holds hardly a row.")
     value = max([share for name, share in found.items() if name.endswith("share")], default=0.0)
     if not texts:
         return confirmed(code, value, "Rows do not repeat one another.", **found)
     text = "; ".join(texts) + ". Repeated rows are no measurements, and whoever counts them trusts the sensor too much."
-    return contradicted(code, round(value, 3) if value > _REPEATED else times, text, **found)
+    if value > _REPEATED:
+        return contradicted(code, round(value, 3), text, **found)
+    return replace(contradicted(code, times, text, **found), unit="rows")
 
 
 def _repeated(imu: Imu) -> float:
@@ -133,9 +138,10 @@ def reversals(claims: Claims) -> Finding:
     code, count = "reversals", claims.dropped.get("backwards", 0.0)
     if not count:
         return confirmed(code, 0.0, "Times never run backwards.")
+    rows, them = ("one row", "it") if count == 1 else (f"{count:.0f} rows", "them")
     text = (
-        f"In {count:.0f} rows the time runs backwards or leaps away; the reader left them out. Was the clock set "
-        "during the drive, or are two logs in one file?"
+        f"In {rows} the time runs backwards or leaps away; the reader left {them} out. Was the clock set during the "
+        "drive, or are two logs in one file?"
     )
     return contradicted(code, count, text, rows=count)
 
@@ -150,16 +156,18 @@ def clipping(imu: Imu) -> Finding:
             most = max(most, limit if name.startswith("accel") else 0.0)
     if not hit:
         return confirmed(code, None, "No sensor reaches the end of its range.")
-    named = ", ".join(
-        f"{name} at {limit:.4g} {'m/s^2' if name.startswith('accel') else 'rad/s'}" for name, limit in hit.items()
-    )
+    named = ", ".join(f"{name} at {limit:.4g} {_unit(name)}" for name, limit in hit.items())
     text = (
         f"Sensors reach the end of their range and stay there: {named}. What was larger is lost, so that speeds after "
         "it are too small."
     )
-    return contradicted(
-        code, most or max(hit.values()), text, **{f"{name}_limit": limit for name, limit in hit.items()}
-    )
+    limits = {f"{name}_limit": limit for name, limit in hit.items()}
+    found = contradicted(code, most or max(hit.values()), text, **limits)
+    return replace(found, unit="m/s^2" if most else "rad/s")
+
+
+def _unit(channel: str) -> str:
+    return "m/s^2" if channel.startswith("accel") else "rad/s"
 
 
 def _at_the_limit(values: Floats) -> tuple[int, float]:
@@ -215,12 +223,14 @@ def quantisation(imu: Imu, moving: np.ndarray | None) -> Finding:
     if not coarse or held:
         text = "The numbers are written finely enough: neighbours differ."
         return confirmed(code, None, text, **{f"{name}_step": step for name, step in steps.items()})
-    named = ", ".join(f"{n} {s:.3g} {'m/s^2' if n.startswith('accel') else 'rad/s'}" for n, s in coarse.items())
+    named = ", ".join(f"{n} {s:.3g} {_unit(n)}" for n, s in coarse.items())
     text = (
         f"Numbers come in steps so coarse that most samples repeat the one before while the vehicle moves: {named}. "
         "Small motion is lost; log more digits or a smaller range."
     )
-    return contradicted(code, max(coarse.values()), text, **{f"{name}_step": step for name, step in coarse.items()})
+    worst = max(coarse, key=coarse.__getitem__)
+    found = contradicted(code, coarse[worst], text, **{f"{name}_step": step for name, step in coarse.items()})
+    return replace(found, unit=_unit(worst))
 
 
 def _few_levels(imu: Imu, chosen: np.ndarray) -> bool:

@@ -86,13 +86,13 @@ def gyro_unit(imu: Imu, motion: Motion | None, claims: Claims) -> Finding:
     ratio, sigma, how = found
     numbers = {"ratio": ratio, "sigma": sigma, "fastest_rad_s": fast}
     if 1.0 / _ROUGH < ratio < _ROUGH:
-        text = f"The gyroscope turns {ratio:.3g} times as fast as {how}: its unit {claims.gyro_unit} is right."
+        text = f"The gyroscope turns {_times(ratio)}as fast as {how}: its unit {claims.gyro_unit} is right."
         return confirmed(code, claims.gyro_unit, text, **numbers)
     value = _unit(RATES, claims.gyro_unit, ratio)
     if value.startswith("times"):
-        text = f"The gyroscope turns {ratio:.3g} times as fast as {how}, which no unit explains: too few turns to tell."
+        text = f"The gyroscope turns {_times(ratio)}as fast as {how}, which no unit explains: too few turns to tell."
         return unknown(code, text, **numbers)
-    text = f"The gyroscope turns {ratio:.3g} times as fast as {how}, so it is not in {claims.gyro_unit}."
+    text = f"The gyroscope turns {_times(ratio)}as fast as {how}, so it is not in {claims.gyro_unit}."
     return contradicted(code, value, f"{text} {_guess(value, ratio)}", confidence_of(ratio / sigma), **numbers)
 
 
@@ -131,9 +131,11 @@ def speed_unit(gnss: Gnss, motion: Motion | None, claims: Claims) -> Finding:
     numbers = {"ratio": ratio, "sigma": sigma}
     value = _unit(SPEEDS, claims.speed_unit, ratio)
     if 1.0 / limit < ratio < limit or value == claims.speed_unit:
-        text = f"The speeds are {ratio:.3g} times what {how}: the unit {claims.speed_unit} is right."
+        text = f"The speeds are {_times(ratio)}as large as {how}: the unit {claims.speed_unit} is right."
         return confirmed(code, claims.speed_unit, text, confidence_of(np.log(_ROUGH) * ratio / sigma), **numbers)
-    text = f"The speeds are {ratio:.3g} times what {how}: they are not in {claims.speed_unit}. {_guess(value, ratio)}"
+    text = (
+        f"The speeds are {_times(ratio)}as large as {how}: they are not in {claims.speed_unit}. {_guess(value, ratio)}"
+    )
     return contradicted(code, value, text, confidence_of((ratio - 1.0) / sigma), **numbers)
 
 
@@ -155,7 +157,7 @@ def _by_way(gnss: Gnss) -> tuple[float, float, float, str] | None:
     spread = 0.741 * float(np.subtract(*np.percentile(ratio, [75.0, 25.0])))
     independent = max(1.0, float(t_s[last[far]][-1] - t_s[first[far]][0]) / _SPAN_S)
     sigma = float(np.hypot(spread / np.sqrt(min(independent, far.sum())), 0.01))
-    return float(np.median(ratio)), sigma, _FINE, "the way between the positions makes them"
+    return float(np.median(ratio)), sigma, _FINE, "the way between the positions says"
 
 
 def _by_accelerometer(motion: Motion) -> tuple[float, float, float, str] | None:
@@ -163,7 +165,7 @@ def _by_accelerometer(motion: Motion) -> tuple[float, float, float, str] | None:
     if forward is None or up is None or not forward.told:
         return None
     ratio = up.length / STANDARD_GRAVITY / forward.length
-    how = "pulling away and braking feel like to the accelerometer"
+    how = "pulling away and braking feel to the accelerometer"
     return ratio, ratio * forward.sigma / forward.length, _ROUGH, how
 
 
@@ -172,6 +174,12 @@ def _unit(units: Mapping[str, float], claimed: str, ratio: float) -> str:
     wanted = units.get(claimed, 1.0) / ratio
     near = min(units, key=lambda unit: abs(np.log(units[unit] / wanted)))
     return near if abs(np.log(units[near] / wanted)) < np.log(_ROUGH) else f"times {1.0 / ratio:.3g}"
+
+
+def _times(ratio: float) -> str:
+    """What stands before "as fast as": nothing where the two are the same."""
+    shown = f"{ratio:.3g}"
+    return "" if shown == "1" else f"{shown} times "
 
 
 def _guess(value: str, ratio: float) -> str:
