@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
+from zlib import crc32
 
 import numpy as np
 import pyarrow as pa
@@ -40,8 +42,8 @@ def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
     """Write the file."""
     span = Recording(streams).span_ns() or (0, 0)
     with catch_and_log_exceptions("recon", strict=True):  # else what is refused would become a warning
-        # The viewer keeps one layout for each application. Of itself a file would say when it was exported.
-        file = rr.RecordingStream(f"recon {about.name}", send_properties=False)
+        # Of itself a file would say when it was exported.
+        file = rr.RecordingStream(_application(about.name), send_properties=False)
         file.save(path)
         file.send_recording_name(about.name)
         file.send_recording_start_time_nanos(span[0])
@@ -58,6 +60,14 @@ def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
         file.send_blueprint(layout(Shown(span, space, panels, sensors, kinds, pictures)))
         file.flush()
         file.disconnect()
+
+
+def _application(run: str) -> str:
+    """The viewer keeps one layout for each application, so every run is one. Rerun takes 180 ASCII letters, digits,
+    blanks, hyphens and underscores; what is left of other names has a sum of the whole behind it.
+    """
+    plain = re.sub(r"[^A-Za-z0-9 _-]", "-", run)[:80]
+    return f"recon {plain}" if plain == run else f"recon {plain} {crc32(run.encode()):08x}"
 
 
 def _draw_curve(file: rr.RecordingStream, path: str, curve: Curve) -> None:

@@ -254,6 +254,12 @@ def test_the_program_of_rerun_finds_the_file_whole(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("name", ["drive=d2", "Fahrt \u00fc/2.1", "a" * 300])
+def test_a_run_of_any_name_is_written_without_a_word_of_rerun(tmp_path, capfd, name):
+    export(tmp_path, RunInfo(name), trajectory=moving())
+    assert capfd.readouterr() == ("", "")
+
+
 def test_without_the_package_one_sentence_says_what_to_install():
     lines = (
         "import sys",
