@@ -20,6 +20,7 @@ from recon.tables import Array
 MARGIN: Final = 1.0
 """m/s; neither source tells slower motion well."""
 STRONG: Final = 0.25
+"""Share of the larger speed by which two sources may differ beyond MARGIN."""
 LAGS_S: Final = np.arange(0.0, 1.21, 0.1)
 """How late receivers report their speed."""
 MAX_GAP_NS: Final = 2_000_000_000

@@ -26,6 +26,7 @@ END_YEAR: Final = 2030
 """The models hold from the begin of the first to the begin of the last year."""
 
 _HIGHEST_KM: Final = 850.0
+"""Above the ellipsoid, to where the models are made."""
 
 
 def magnetic_field_n(lat_deg: float, lon_deg: float, height_m: float, t_ns: int) -> Array:

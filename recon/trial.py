@@ -27,6 +27,7 @@ SPAN_S: Final = 10.0
 """T: long enough for a bias that walks to count."""
 _DISTRUST: Final = "do not trust"
 _WORSE: Final = 1.1
+"""Times that a number of a drive may grow before it counts as worse."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@ from typing import Final, NamedTuple
 LETTER: Final = 6.6
 """Width of a letter of the drawings' 13 px, the widest that is usual."""
 _LINE: Final = 16.0
+"""px, height of a line."""
 _NEAR: Final = 12.0
+"""px from a point to its name."""
 _MARK: Final = 8.0
 """Half of the size of what is drawn at a point."""
 _ROWS: Final = (-0.5, 0.5, -1.5, 1.5, -2.5, 2.5, -3.5, 3.5)

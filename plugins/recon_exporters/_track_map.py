@@ -34,10 +34,13 @@ WIDTH: Final = 1000.0
 HIGHEST: Final = 560.0
 LOWEST: Final = 220.0
 MARGIN: Final = 36.0
+"""Of the drawing, in its own unit: width, most and least height, and what stays free around the tracks."""
 FINE: Final = 0.4
 """Points of a track closer together, in the drawing's unit, are left out: half of a line's thickness."""
 RADIUS: Final = 6_378_137.0
+"""m, of the equator (WGS84)."""
 _MOST_NAMES: Final = 40
+"""Names of points; of more, crashes come first."""
 _FAR: Final = 14.0
 """A name further above or below its point is joined to it by a line."""
 _SCALE_HEIGHT: Final = 36.0

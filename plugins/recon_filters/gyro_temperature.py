@@ -59,6 +59,7 @@ from recon.storage.atomic import staged_file
 from recon_filters.gyro_offset import Spans, between_stops, stops_of, without_stops
 
 REFERENCE_K: Final = 298.15
+"""25 degrees Celsius, about which the polynomials are."""
 _MARK: Final = "recon_gyro_calibration"
 _FORMAT: Final = 2
 _PIECE_NS: Final = 20_000_000_000
@@ -132,11 +133,11 @@ def _terms(imu: pa.Table, t_ns: NDArray[np.int64], lag_s: float) -> Array | None
     """T - T_0, its square and T_L - T at each row: (n, 3) K, K^2, K; None where no temperature is known."""
     if not has(imu, "temperature"):
         return None
-    celsius = vector(imu, "temperature", gaps=True) - REFERENCE_K
-    known = np.isfinite(celsius)
+    above = vector(imu, "temperature", gaps=True) - REFERENCE_K
+    known = np.isfinite(above)
     if not known.any():
         return None
-    filled = np.interp((t_ns - t_ns[0]) * 1e-9, (t_ns[known] - t_ns[0]) * 1e-9, celsius[known])
+    filled = np.interp((t_ns - t_ns[0]) * 1e-9, (t_ns[known] - t_ns[0]) * 1e-9, above[known])
     if len(t_ns) > 1:
         filled = moving_average(filled, 2 * round(0.5 * _SMOOTH_S * median_rate(t_ns)) + 1)
     return np.column_stack((filled, filled**2, _behind((t_ns - t_ns[0]) * 1e-9, filled, lag_s)))

@@ -48,6 +48,7 @@ _FARTHEST: Final = 1e12
 """Largest number of columns that have no limits of their own."""
 SIGMAS: Final = ("pos_std", "vel_std", "att_std")
 _LARGEST_SIGMA: Final = 1e6
+"""In the unit of the column; a larger one says that nothing is known, as does zero."""
 
 
 def limits_of(column: str) -> tuple[float, float]:

@@ -37,6 +37,7 @@ from recon.yaml_nodes import Node
 
 HEAD_BYTES: Final = 65536
 SURE: Final = 0.5
+"""Confidence from which a reader is taken."""
 LOOKED_AT: Final = 20
 """Files of a folder that is no log, for a message that names those that are."""
 _CHECK: Final = "check that it is the right file; 'recon plugins' lists the readers that are installed"

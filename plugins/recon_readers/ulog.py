@@ -51,6 +51,7 @@ _CLOCK: Final = ("vehicle_gps_position", "sensor_gps")
 _NEVER: Final = 2**31 - 1
 """A relative time that says that the sensor has not reported."""
 _MILLIBAR: Final = 2000.0
+"""Below this a pressure is in millibar, not in Pa."""
 _PRESENT, _LATEST = 946_684_800_000_000, 4_102_444_800_000_000
 """us; 2000-01-01 and 2100-01-01."""
 

@@ -21,8 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 _TEMPERATURE: Final = 288.15
+"""K, at sea level."""
 _PRESSURE: Final = 101_325.0
+"""Pa, at sea level."""
 _LAPSE: Final = -0.0065
+"""K/m"""
 _EXPONENT: Final = -287.05287 * _LAPSE / 9.80665
 
 SCALE_SIGMA: Final = 0.04

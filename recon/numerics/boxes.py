@@ -49,6 +49,7 @@ _LEVER_PRIOR: Final = 3.0
 _SCALE_PRIOR: Final = 0.005
 """Of each axis: what is left of its error after a factory's calibration."""
 _HUBER: Final = 1.345
+"""Sigmas from which a misfit counts less than its square."""
 _LARGE, _LENGTH = 0.7, 1.9144
 """Share of rows, those of standing among them, whose misfit is below; length of three normal values that it is."""
 _EVEN, _ROUNDS = 6, 24

@@ -33,9 +33,13 @@ Measures = Callable[[Floats, Floats], Mapping[str, Floats]]
 """From accelerations (b, n, 3) and yaw rates (b, n) to numbers (b,), angles among them in degrees."""
 
 NORMAL_95: Final = 1.959964
+"""Sigmas to either side that hold 95 % of a normal distribution."""
 _DRAWS: Final = 48
+"""Pulses with noise of their own, from which what noise does is told."""
 _FINE_S: Final = 1e-3
+"""Longest step that maxima are looked for in."""
 _LEAST_SPLINE: Final = 4
+"""Samples of a cubic spline."""
 _PLAIN: Final = 0.5
 """Of sigma: a shift by noise beyond this is more than the chance of the draws."""
 _NOTHING_BUT_NOISE: Final = 1.0 + np.sqrt(2.0)

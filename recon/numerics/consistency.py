@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 HONEST: Final = 0.999
+"""Probability with which honest sigmas lie between the limits."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from recon.numerics.rotation import Floats, rotate
 Complexes = NDArray[np.complex128]
 
 _HUBER = 2.0
+"""Sigmas from which a misfit counts less than its square."""
 _ROUNDS = 6
 _SETTLED = 1e-5
 """rad, below which another round of weights changes nothing that matters."""

@@ -35,6 +35,7 @@ _FEWEST: Final = 60
 """Means of a second."""
 _ROUNDS: Final = 6
 _C2: Final = 9.0
+"""c^2 of the weights 1 / (1 + e^2 / c^2), errors e in sigmas: at three sigma a row counts half."""
 _KNOWN: Final = 0.05
 """Largest relative sigma of a: of a drive without bends, nothing is made."""
 _LONGEST: Final = 30

@@ -29,6 +29,7 @@ _SHORTEST: Final = 2
 _TIMES, _USUAL = 5.0, 0.75
 """So many times the distance that this share of all blocks stays below is a lost vote."""
 _QUIET: Final = 0.1
+"""Quantile of the blocks that shows the noise alone: those in which the vehicle hardly moves."""
 _SENSORS: Final = (slice(0, 3), slice(3, 6))
 _LEAST: Final = (0.02, 0.3)
 """rad/s and m/s^2; distances below are left alone, whatever is usual."""

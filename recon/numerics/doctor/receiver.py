@@ -24,8 +24,11 @@ from recon.numerics.doctor.log import Claims, Gnss, pairs
 from recon.numerics.signals import wrap_angle
 
 _LEAST_SPEED: Final = 4.0
+"""m/s, below which a course says little."""
 _FEWEST: Final = 20
+"""Fixes that a finding rests on."""
 _SPAN_S: Final = 2.0
+"""Least time between two positions that tell a velocity."""
 _OFF_DEG: Final = 3.0
 """From which a course is not from true north."""
 _GEOID_M: Final = (8.0, 115.0)

@@ -13,6 +13,7 @@ from recon.numerics.doctor.log import Claims, Gnss, Imu
 from recon.numerics.signals import runs
 
 _GAP_STEPS, _GAP_S = 4.0, 0.05
+"""Median steps and s, both of which a step that is a hole exceeds."""
 _JITTER: Final = 0.1
 """Of the median step: what a steady clock stays below."""
 _REPEATED: Final = 0.2
@@ -22,6 +23,7 @@ _PLATEAU: Final = 3
 _FAR: Final = 12.0
 """Median deviations from the median."""
 _STILL: Final = 0.2
+"""Share of samples that repeat the one before, from which a plateau at an extreme says nothing."""
 _COARSE: Final = 0.6
 """Share of samples that are the same as the one before, although the vehicle moves."""
 CHANNELS: Final = tuple(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz")
