@@ -2,7 +2,7 @@
 
     1. closed-form start
     2. Cauchy's loss on twenty minutes of the drive at most, and the noise that is most likely there
-    3. truncated least squares on the whole drive with that noise
+    3. truncated least squares on the whole drive with that noise, and once more where the slow error lasts
     4. stops far from any fix, where the trajectory shows that what looks quiet does stand: once more with these
 
 Noise comes before hard rejection: an IMU believed too good makes outliers of good fixes.
@@ -20,7 +20,7 @@ from recon.numerics.smoothing.alignment import flip_needed
 from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
 from recon.numerics.smoothing.earth import level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
-from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, likely_noise
+from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, lasting_drift, likely_noise
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
@@ -39,6 +39,8 @@ _MOST_REJECTED: Final = 0.15
 """Share of the fixes."""
 _GROWN_FIXES, _GROWN_MOTION = 1.2, 2.0
 """Growth of a size of noise after which it is estimated again."""
+_WORTH_IT: Final = 1.1
+"""Growth of the slow error from which the drive is solved once more."""
 _OF_MOTION: Final = ("gyro", "accel", "gyro_walk", "accel_walk", "sideways", "upwards")
 
 
@@ -65,6 +67,10 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     if learn_noise:
         noise, state = _learnt(smoother, state, noise)
     solved = _without_outliers(smoother, state, noise)
+    lasts = lasting_drift(smoother, solved) if learn_noise else 1.0
+    if lasts > _WORTH_IT:
+        noise = replace(noise, drift=noise.drift * lasts)
+        solved = smoother.solve(solved.state, noise, "tls", resumed=True)
     if model.mounting is None and flip_needed(forward_speed(solved.state)):
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)

@@ -158,6 +158,28 @@ def expected_variance(size: float, count: int, usual: float) -> float:
     return float(weight @ np.exp(2.0 * logs) / weight.sum())
 
 
+def lasting_drift(smoother: Smoother, solved: Solved) -> float:
+    """How many times its likeliest size the slow error of GNSS has over a stretch of _LASTING_S, 1 at least.
+
+    A receiver that smooths its positions errs alike from second to second, which no process of first order does: the
+    likelihood sees how little the error changes in an interval, and would believe as little of a tunnel. Sums of its
+    steps count what lasts in full, of intervals with fixes in which the vehicle moves: at stops many receivers hold
+    their position. Smoothed steps are no larger than the true ones, so that little is found in white ones.
+    """
+    epochs, length, noise = solved.epochs, smoother.length, solved.noise
+    good = (epochs.fix >= 0) & (solved.pos_weight > 0.5)
+    good &= np.isfinite(smoother.drive.fixes.pos_sigma[:, epochs.fix]).any(axis=0)
+    seen = np.bincount(epochs.interval[good], minlength=len(length)).astype(bool) & ~smoother.still_intervals
+    kept = np.exp(-length / noise.drift_tau)
+    steps = solved.state.drift_n[:, 1:] - kept * solved.state.drift_n[:, :-1]
+    steps = steps[:, seen] / (noise.drift[:, None] * np.sqrt(1.0 - kept[seen] ** 2))
+    block = np.floor(np.cumsum(length)[seen] / _LASTING_S).astype(np.intp)
+    counted = np.bincount(block, length[seen]) > 0.5 * _LASTING_S
+    sums = np.array([np.bincount(block, axis) for axis in steps])[:, counted]
+    square = sums**2 / np.bincount(block)[counted]
+    return float(np.sqrt(max(expected_variance(float(square.sum()), square.size, 1.0), 1.0)))
+
+
 def across_track(residual: Floats, t_s: Floats, seconds: Floats, so_far: Floats) -> Floats:
     """Sigmas of motion across the wheels' track, sideways and upwards: (2,) m/s at one second.
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 from smoothing_drives import Log, Simulated, box, simulate
 
 from recon.numerics.smoothing import Drive, Estimate, Fixes, Model, estimate, sigmas
@@ -281,3 +282,21 @@ def test_noise_of_a_long_drive_is_learnt_from_its_liveliest_part():
     check_within_sigmas(found, sim, 5.0)
     # 2400 residuals across tell sigma to 1.5 %, the search stops within a fifth of a unit of likelihood.
     assert_allclose(found.solved.noise.velocity, 1.0, rtol=0.15)
+
+
+@pytest.mark.parametrize("smoothed_s", [1, 10])
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_slow_error_changes_in_twenty_seconds_as_told_whether_or_not_the_receiver_smooths_it(smoothed_s, seed):
+    sim = simulate(Log(seconds=600.0, drift=0.0, white=0.03, seed=seed))
+    count = len(sim.drive.fixes.t_s)
+    steps = np.random.default_rng(seed).normal(size=(3, count + smoothed_s))
+    wander = lfilter([np.sqrt(1.0 - np.exp(-2.0 / 30.0))], [1.0, -np.exp(-1.0 / 30.0)], steps)
+    error = 2.0 * np.array([np.convolve(axis, np.ones(smoothed_s) / smoothed_s, "valid")[:count] for axis in wander])
+    drive = with_fixes(sim, pos_n=sim.drive.fixes.pos_n + error)
+    told = replace(sim.log.noise, drift=np.array([2.5, 2.5, 3.5]), drift_tau=100.0)
+    noise = estimate(drive, Model(), told).solved.noise
+    change = np.sqrt(((error[:, 20:] - error[:, :-20]) ** 2).mean())
+    believed = np.sqrt((noise.drift**2).mean() * 2.0 * (1.0 - np.exp(-20.0 / noise.drift_tau)))
+    # 90 stretches tell a sigma to 7.5 %, three of which are allowed. What changes from second to second alone would
+    # make it 40 % too small where ten seconds are averaged.
+    assert believed == pytest.approx(change, rel=0.23)
