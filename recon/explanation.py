@@ -10,6 +10,7 @@ may use rows outside of that time, as a smoother uses the whole drive.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -133,7 +134,7 @@ def _link(step: PlannedStep, manifest: Mapping[str, Any]) -> Link:
     resolved = step.resolved()
     params = step.params.as_text()
     if isinstance(step.params, Delegation):
-        params = {r["method"]: r["note"] for r in report["metrics"] if r["name"] == "reader_parameters"}
+        params = {r["method"]: json.loads(r["note"]) for r in report["metrics"] if r["name"] == "reader_parameters"}
     return Link(
         id=step.id,
         use=step.stage.key,

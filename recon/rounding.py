@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
+
+_WHOLE: Final = 1e15
+"""Whole numbers from here on have an exponent, too."""
 
 
 def rounded(value: float, sigma: float | None = None, digits: int = 4) -> str:
@@ -13,10 +16,13 @@ def rounded(value: float, sigma: float | None = None, digits: int = 4) -> str:
     Of numbers without a sigma whole ones stay whole, zeros behind the point go, and sizes below 1e-4 and from 1e7 on
     have an exponent.
     """
+    value = float(value)
     if not math.isfinite(value):
         return str(value)
     if sigma and math.isfinite(sigma):
         text = f"{value:.{max(1 - math.floor(math.log10(abs(sigma))), 0)}f}"
+    elif value.is_integer() and abs(value) < _WHOLE:
+        text = f"{value:.0f}"
     elif value and not 1e-4 <= abs(value) < 1e7:
         text = f"{value:.{digits - 1}e}"
     else:
@@ -26,9 +32,19 @@ def rounded(value: float, sigma: float | None = None, digits: int = 4) -> str:
     return text if float(text) else text.lstrip("-")
 
 
+def counted(number: int, noun: str) -> str:
+    """`1 row`, `1,234 rows`."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
+
+
 def occasions(count: int) -> str:
     """`once`, else `3 times`."""
     return "once" if count == 1 else f"{count} times"
+
+
+def milliseconds(time: str) -> str:
+    """An ISO time with nanoseconds as `2024-05-01 08:00:05.000`, in UTC."""
+    return f"{time[:10]} {time[11:23]}"
 
 
 def with_unit(text: str, unit: str | None) -> str:

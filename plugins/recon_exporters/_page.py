@@ -9,7 +9,8 @@ from importlib.resources import files
 from typing import Any, Final
 
 from recon.crash_summary import SIGN
-from recon.rounding import rounded
+from recon.learnt import legible, parameters_text
+from recon.rounding import milliseconds, rounded
 from recon.storage.json_text import to_json
 from recon_exporters._findings import is_finding
 from recon_exporters._words import unit_symbol, words
@@ -108,7 +109,7 @@ def _metric(name: str | None) -> str:
 
 def _head(facts: Json) -> str:
     summary, pipeline = facts["summary"], facts["pipeline"] or {}
-    start = f"{escape(_short(summary['start']))} UTC"
+    start = f"{escape(milliseconds(summary['start']))} UTC"
     cells = [
         ("From", "no date: the log's clock has a zero of its own" if _relative(facts) else start),
         ("Lasts", f"{number(summary.get('duration', summary['span']))} s"),
@@ -126,14 +127,9 @@ def _relative(facts: Json) -> bool:
     return any(stream["facts"].get("clock") == "relative" for stream in facts["streams"].values())
 
 
-def _short(time: str) -> str:
-    """A time to the millisecond, for people."""
-    return f"{time[:10]} {time[11:23]}"
-
-
 def _when(facts: Json, time: str) -> str:
     """A time in a table, nothing where there is no date."""
-    return "" if _relative(facts) else escape(_short(time))
+    return "" if _relative(facts) else escape(milliseconds(time))
 
 
 def _warnings(warnings: Sequence[str]) -> str:
@@ -235,8 +231,8 @@ def _remarks(row: Json) -> Sequence[str]:
 
 def _learnt(facts: Json) -> str:
     rows = (
-        (_metric(row["name"]), number(row["value"], digits=6), escape(unit_symbol(row["unit"])), *_remarks(row))
-        for row in facts["metrics"]
+        (_metric(row["name"]), number(row["value"]), escape(unit_symbol(row["unit"])), *_remarks(row))
+        for row in map(legible, facts["metrics"])
         if not _is_estimate(row) and not is_finding(row) and row["name"] != "warning"
     )
     return table(("name", "value", "unit", "method", "note", "step"), rows)
@@ -256,7 +252,11 @@ def _made(facts: Json, notes: Sequence[str]) -> str:
     versions = {"recon": facts["recon"], **facts["versions"]}
     told = ", ".join(f"{escape(name)} {escape(str(text))}" for name, text in versions.items() if text)
     steps = (
-        (_name(step["id"]), escape(f"{step['distribution']} {step['distribution_version']}"), _params(step["params"]))
+        (
+            _name(step["id"]),
+            escape(f"{step['distribution']} {step['distribution_version']}"),
+            escape(parameters_text(step["params"])),
+        )
         for step in facts["plan"] or ()
     )
     text = escape((facts["pipeline"] or {}).get("text", ""))
@@ -266,7 +266,3 @@ def _made(facts: Json, notes: Sequence[str]) -> str:
         + (f"<pre>{text}</pre>" if text else "")
         + table(("step", "from", "parameters in SI"), steps)
     )
-
-
-def _params(params: Json) -> str:
-    return ", ".join(f"{escape(name)}&nbsp;=&nbsp;{escape(to_json(value))}" for name, value in params.items())

@@ -146,7 +146,11 @@ def _assumptions(log: Log, params: PhysycomParams) -> list[Metric]:
         found.append(Metric("assumed_gravity", params.gravity, "m/s^2", note="acceleration that the file writes as 1"))
     if "speed" in log.columns:
         one = convert(1.0, params.speed_unit, "m/s")
-        found.append(Metric("assumed_speed_unit", one, "m/s", note=f"speed is in {params.speed_unit}"))
+        found.append(
+            Metric(
+                "assumed_speed_unit", one, "m/s", note=f"speed that the file writes as 1: it is in {params.speed_unit}"
+            )
+        )
     if "heading" in log.columns:
         found.append(Metric("assumed_heading", note=f"course over ground from {params.heading} north"))
     if "height" in log.columns:

@@ -111,7 +111,12 @@ def read(path: Path, params: VboxParams) -> Streams:
     )
     clock_ns, good = lines.columns.pop("clock"), lines.columns.pop("good")
     t_ns, facts, learnt = _dated(file, clock_ns, good)
-    unit = Metric("speed_unit", convert(1.0, speed_unit, "m/s"), "m/s", note=f"in {speed_unit}")
+    unit = Metric(
+        "speed_unit",
+        convert(1.0, speed_unit, "m/s"),
+        "m/s",
+        note=f"speed that the file writes as 1: it is in {speed_unit}",
+    )
     learnt += [*_offset(file, t_ns), unit, *asked]
     facts = {**facts, "time_scale": "UTC", "format": "VBOX"}
     if imu:

@@ -91,12 +91,13 @@ def as_text(finished: Run) -> str:
 def _crash_rows(crash: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """When the severest crash was, how severe, and where the force came from."""
     from recon.crash_summary import SIGN
+    from recon.rounding import milliseconds
 
     if "after_s" not in crash:
         yield "crash", crash["note"] or "none"
         return
     time = crash.get("time", "")
-    at = f"{time[:10]} {time[11:23]} UTC, " if time else ""
+    at = f"{milliseconds(time)} UTC, " if time else ""
     several = f", the severest of {crash['impacts']}" if crash["impacts"] > 1 else ""
     yield "crash", f"{at}{crash['after_s']:.2f} s after the start{several}"
     for name, title in ((SIGN, "delta-V"), ("pdof", "direction of force"), ("speed_before", "speed before")):

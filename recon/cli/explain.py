@@ -66,24 +66,29 @@ def as_text(found: Explanation) -> str:
 
 
 def _value(row: Mapping[str, Any]) -> str:
+    from recon.rounding import rounded, with_unit
+
     if row.get("value") is None:
         return "no number"
-    text = f"{row['value']:.9g} {row.get('unit') or ''}".rstrip()
-    if row.get("sigma") is not None:
-        text += f", sigma {row['sigma']:.3g}"
+    sigma = row.get("sigma")
+    text = with_unit(rounded(row["value"], sigma, 6), row.get("unit"))
+    if sigma is not None:
+        text += f", sigma {rounded(sigma, sigma)}"
     if row.get("low") is not None and row.get("high") is not None:
-        text += f", 95 % between {row['low']:.6g} and {row['high']:.6g}"
+        text += f", 95 % between {rounded(row['low'], sigma)} and {rounded(row['high'], sigma)}"
     return text
 
 
 def _link(link: Link) -> Iterator[str]:
+    from recon.learnt import legible, parameters_text
+    from recon.rounding import counted, rounded, with_unit
+
     stage = f"{link.use}, " if link.use != link.id else ""
     yield f"{link.id} ({stage}version {link.version} of {link.distribution})"
-    wrote = ", ".join(f"{name} ({count:,} rows)" for name, count in link.writes.items())
-    params = ", ".join(f"{name} {value}" for name, value in link.params.items())
-    learnt = [
-        f"{row['name']} {row['value']:.6g} {row.get('unit', '')}".rstrip() for row in link.learnt if "value" in row
-    ]
+    wrote = ", ".join(f"{name} ({counted(count, 'row')})" for name, count in link.writes.items())
+    params = parameters_text(link.params)
+    told = [row for row in map(legible, link.learnt) if row.get("value") is not None]
+    learnt = [f"{row['name']} {with_unit(rounded(row['value'], row.get('sigma')), row.get('unit'))}" for row in told]
     more = f", and {len(learnt) - _MOST_LEARNT} more" if len(learnt) > _MOST_LEARNT else ""
     rows = [
         ("reads", ", ".join(link.reads)),

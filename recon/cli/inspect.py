@@ -156,6 +156,8 @@ def _iso(t_ns: int) -> str:
 
 
 def _as_text(told: dict[str, Any]) -> str:
+    from recon.rows import WARNING
+
     head = ", ".join(told["paths"])
     lines = [f"{head}: result of pipeline '{told['pipeline']}'" if "pipeline" in told else head]
     for name, stream in told["streams"].items():
@@ -165,36 +167,49 @@ def _as_text(told: dict[str, Any]) -> str:
         lines.append(console.table(column_rows(filled)))
         empty = [column["name"] for column in stream["columns"] if column not in filled]
         if empty:
-            lines.append(f"  {len(empty)} columns without any value: {', '.join(empty)}")
+            lines.append(f"  without any value: {', '.join(empty)}")
     if told.get("learnt"):
-        lines += ["", "what the reader learnt and assumed", console.table([_learnt(row) for row in told["learnt"]])]
+        rows = dict.fromkeys(_learnt(row) for row in told["learnt"] if row["name"] != WARNING)
+        lines += ["", "what the reader learnt and assumed", console.table([*rows])]
     return "\n".join([*lines, *[""] * bool(told["warnings"]), *warning_lines(told["warnings"])])
 
 
 def _fact(value: Any) -> str:
-    """A fact of a stream in a line: numbers to 10 digits (latitudes to 1 mm), of a matrix its size; JSON has all."""
+    """A fact of a stream in a line: numbers to 5 digits, latitudes to 1 mm, of a matrix its size; JSON has all."""
+    from recon.rounding import rounded
+
     if isinstance(value, float):
-        return f"{value:.10g}"
+        return rounded(value, digits=5)
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_fact(one)}" for key, one in value.items())
+        return ", ".join(f"{key} {f'{one:.8f}' if key in ('lat', 'lon') else _fact(one)}" for key, one in value.items())
     if isinstance(value, list) and value and isinstance(value[0], list):
         return f"{len(value)} x {len(value[0])} numbers, which --json shows"
     return ", ".join(map(_fact, value)) if isinstance(value, list) else str(value)
 
 
 def _stream_line(stream: dict[str, Any]) -> str:
-    parts = [f"{stream['rows']:,} rows"]
+    from recon.rounding import counted, milliseconds, rounded
+
+    parts = [counted(stream["rows"], "row")]
     if "first" in stream:
-        parts.append(f"{stream['first']} to {stream['last']} ({stream['span_s']:.3f} s)")
+        first, last = (milliseconds(stream[key]) for key in ("first", "last"))
+        parts.append(f"{first} to {last[11:] if last[:10] == first[:10] else last} UTC ({stream['span_s']:.3f} s)")
     elif "first_s" in stream:
         parts.append(f"{stream['first_s']:.3f} s to {stream['last_s']:.3f} s since the log's beginning")
     if "rate_hz" in stream:
         gaps = stream["gaps"]
         longest = f", the longest {gaps['longest_s']:.3f} s" if gaps["count"] else ""
-        parts += [f"{stream['rate_hz']:.4g} Hz", f"{gaps['count'] or 'no'} gap{'s' * (gaps['count'] != 1)}{longest}"]
+        parts += [
+            f"{rounded(stream['rate_hz'])} Hz",
+            f"{counted(gaps['count'], 'gap') if gaps['count'] else 'no gaps'}{longest}",
+        ]
     return ", ".join(parts)
 
 
 def _learnt(row: dict[str, Any]) -> tuple[str, ...]:
-    value = "" if row["value"] is None else f"{row['value']:.6g} {row['unit'] or ''}".strip()
-    return (row["name"] or "", value, row["method"] or "", row["note"] or "")
+    from recon.learnt import legible
+    from recon.rounding import rounded, with_unit
+
+    row = legible(row)
+    value = "" if row["value"] is None else with_unit(rounded(row["value"]), row["unit"])
+    return ((row["name"] or "").replace("_", " "), value, row["method"] or "", row["note"] or "")

@@ -111,7 +111,7 @@ def test_people_read_the_number_the_steps_and_the_lines(place, capsys):
     assert text.startswith("crashes = 1\n")
     for part in (
         "detector.shock (version 1 of recon-dynamics",
-        "threshold 2 g",
+        "threshold = 2 g",
         "SHA-256",
         "lines 204 to 205 of drive.txt",
     ):

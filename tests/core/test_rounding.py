@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from recon.rounding import in_a_sentence, rounded, with_interval, with_unit
+from recon.rounding import counted, in_a_sentence, milliseconds, occasions, rounded, with_interval, with_unit
 
 
 @pytest.mark.parametrize(
@@ -19,6 +19,8 @@ from recon.rounding import in_a_sentence, rounded, with_interval, with_unit
         (40065.0, None, "40065"),
         (0.0, None, "0"),
         (3600.0, None, "3600"),
+        (12_345_678.0, None, "12345678"),
+        (12_345_678.5, None, "1.235e+07"),
         (1.5e-7, None, "1.500e-07"),
         (2.5, 0.0, "2.5"),
         (2.5, math.inf, "2.5"),
@@ -38,3 +40,9 @@ def test_a_row_in_a_sentence_has_one_digit_of_its_sigma_and_its_interval() -> No
     assert with_interval(row, "km/h") == "12.2 km/h (95 %: 12.0 to 12.4 km/h)"
     assert with_interval({**row, "low": None}, "km/h") == "12.2 km/h"
     assert in_a_sentence({"value": 0.29999, "sigma": None}) == "0.3"
+
+
+def test_times_and_counts_are_told_as_people_do() -> None:
+    assert milliseconds("2024-05-01T08:00:05.123456789Z") == "2024-05-01 08:00:05.123"
+    assert [counted(number, "row") for number in (0, 1, 1234)] == ["0 rows", "1 row", "1,234 rows"]
+    assert [occasions(number) for number in (1, 2)] == ["once", "2 times"]
