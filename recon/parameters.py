@@ -247,5 +247,5 @@ def _as_quantity(entry: dict[str, Any], unit: str) -> None:
             entry.pop(key, None)
         entry.update(type="string", pattern=r"^\s*[-+]?[0-9.].*[^0-9.\s]", examples=[f"1 {unit}"])
     for part in (*entry.get("anyOf", []), *entry.get("prefixItems", []), entry.get("items")):
-        if isinstance(part, Mapping):
-            _as_quantity(part, unit)  # type: ignore[arg-type]
+        if isinstance(part, dict):
+            _as_quantity(part, unit)

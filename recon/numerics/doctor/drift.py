@@ -80,7 +80,8 @@ def _pieces(blocks: Blocks, gnss: Gnss) -> tuple[Floats, Floats, Floats]:
         lag = lag_of(piece, gnss.some(some), 4.0)
         if np.isfinite(lag.sigma):
             found.append((start + 0.5 * length, lag.seconds, float(np.hypot(lag.sigma, 0.02))))
-    return tuple(np.array(found).reshape(-1, 3).T)  # type: ignore[return-value]
+    t_s, lag_s, sigma_s = np.array(found).reshape(-1, 3).T
+    return t_s, lag_s, sigma_s
 
 
 def _line(t_s: Floats, lag_s: Floats, sigma_s: Floats) -> tuple[float, float, float]:
