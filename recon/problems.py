@@ -144,7 +144,12 @@ def _folded(word: str) -> str:
 
 
 def _closeness(wanted: str, choice: str) -> float:
-    """Similarity of two folded words: above 1 for a continuation or a last part, above 2 for the same word."""
+    """Similarity of two folded words, above 1 for a continuation or a last part, above 2 for the same word; of dotted
+    names of one role only that of what follows it.
+    """
+    role, dot, name = wanted.partition(".")
+    if dot and name and choice.startswith(role + dot):
+        return _closeness(name, choice.removeprefix(role + dot))
     ratio = SequenceMatcher(None, wanted, choice, autojunk=False).ratio()
     if wanted == choice:
         return 2.0 + ratio

@@ -242,7 +242,7 @@ def test_a_typo_in_an_override_of_another_reader_is_found():
 def test_an_override_of_another_reader_needs_a_reader_that_hands_over():
     overrides = [Override.from_option("reader.any.x=1")]
     assert found("use: reader.log", records=(LOG, ANYONE), overrides=overrides) == [
-        "--set reader.any.x=1: error: 'test' has no step 'reader.any'; did you mean 'reader.log'?"
+        "--set reader.any.x=1: error: 'test' has no step 'reader.any'; the steps are reader.log"
     ]
 
 

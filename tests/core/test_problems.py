@@ -111,6 +111,11 @@ def test_the_last_part_of_a_dotted_name_is_enough():
     assert did_you_mean("map", ["filter.lowpass", "fuser.map", "fuser.mean"]) == "did you mean 'fuser.map'?"
 
 
+def test_a_role_that_two_names_share_makes_them_no_more_alike():
+    assert did_you_mean("exporter.foxglove", ["exporter.plots", "exporter.geojson"]) == ""
+    assert did_you_mean("exporter.blendr", ["exporter.plots", "exporter.blender"]) == "did you mean 'exporter.blender'?"
+
+
 @pytest.mark.parametrize("word", ["", "  ", "xyzzy", "cutoff_of_something_else_entirely"])
 def test_nothing_is_offered_for_a_word_that_is_near_to_none(word):
     assert did_you_mean(word, PARAMETERS) == ""
