@@ -16,7 +16,7 @@ from recon.evidence import archive
 from recon.evidence.verification import check_bytes
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     share=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255), edge=st.sampled_from(["", "head", "tail"])
 )

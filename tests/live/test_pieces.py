@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from recon.live.pieces import Pieces
@@ -14,7 +14,6 @@ LOG = b"# time ax ay\n# m/s^2\n1.0\t2\t3\n1.1\t2\t3\n1.2\t2\t3\n"
 HEADER = b"# time ax ay\n# m/s^2\n"
 
 
-@settings(deadline=None)  # what else runs on the machine is not its fault
 @given(st.lists(st.integers(0, len(LOG)), max_size=8))
 def test_every_row_comes_once_behind_the_header_however_the_bytes_come(cuts):
     edges = sorted({0, *cuts, len(LOG)})

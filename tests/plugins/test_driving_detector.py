@@ -113,7 +113,7 @@ def test_speeding_needs_a_limit_and_tells_by_how_much():
 
 
 @given(st.floats(5.0, 50.0), st.floats(5.0, 50.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_speeding_is_found_above_limit_and_tolerance_alone(speed, limit):
     found = kinds(gentle(speed=speed), speed_limit=limit)
     assert found == (["speeding"] if speed > limit + 3.0 / 3.6 else [])
