@@ -208,9 +208,12 @@ def _budget(found: Uncertain, name: str) -> str:
 
 def _impact(span: tuple[int, int], numbers: Mapping[str, Uncertain]) -> Event:
     found = numbers["delta_v_resultant_max"]
-    at = f"{1e3 * numbers['time_of_max'].value:.0f} ms after time zero"
-    pdof = f", direction of force {numbers['pdof'].value:.0f} deg" if "pdof" in numbers else ""
-    return Event(*span, "impact", found.value, "km/h", f"delta-V {found.low:.1f} to {found.high:.1f}, {at}{pdof}")
+    within, at = (f"{1e3 * t_s:.0f} ms" for t_s in (OLDEST_DELTA_V_S, numbers["time_of_max"].value))
+    pdof = f"; direction of force {numbers['pdof'].value:.0f} deg" if "pdof" in numbers else ""
+    note = (
+        f"largest delta-V within {within} of time zero, at {at}; 95 %: {found.low:.1f} to {found.high:.1f} km/h{pdof}"
+    )
+    return Event(*span, "impact", found.value, "km/h", note)
 
 
 def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:

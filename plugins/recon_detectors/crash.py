@@ -157,7 +157,10 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
         zero_ns = int(t_ns[_woken(t_s, gained, int(group[0]), params)])
         start_ns = max(zero_ns, found[-1].end_ns) if found else zero_ns
         end_ns = int(t_ns[min(group[-1] + 1, len(t_ns) - 1)])
-        note = f"time zero by {params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms"
+        note = (
+            f"largest change of velocity within {params.trigger_time * 1e3:g} ms; time zero where it changes by "
+            f"{params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms"
+        )
         found.append(Event(start_ns, end_ns, "crash", largest / KM_H, "km/h", note))
     return found
 
@@ -227,7 +230,7 @@ def declare_detectors() -> Iterable[Detector]:
     yield Detector(
         name="crash",
         summary="Crashes by the change of velocity, with time zero and end as event data recorders have them.",
-        version=2,
+        version=3,
         params=CrashParams,
         reads={"imu": IMU.need("accel")},
         writes={"events": EVENTS},

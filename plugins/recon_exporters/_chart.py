@@ -229,7 +229,7 @@ def _value_axis(panel: Panel, low: float, high: float) -> Iterator[str]:
         y = BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
         shown = value % 360.0 if panel.circular else value
         yield f'<path class="grid" d="M{LEFT} {y:.1f}H{RIGHT}"/>'
-        yield f'<text class="left" x="{LEFT - 6}" y="{y + 4:.1f}">{_number(shown, step)}</text>'
+        yield f'<text class="left" x="{LEFT - 6}" y="{min(y + 4.0, BOTTOM):.1f}">{_number(shown, step)}</text>'
 
 
 def turn_step(span: float) -> float:
@@ -242,7 +242,7 @@ def _second_axis(low: float, high: float) -> Iterator[str]:
     for value in ticks(low, high, step):
         y = BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
         yield f'<path class="tick" d="M{RIGHT} {y:.1f}h5"/>'
-        yield f'<text x="{RIGHT + 8}" y="{y + 4:.1f}">{_number(value, step)}</text>'
+        yield f'<text x="{RIGHT + 8}" y="{min(y + 4.0, BOTTOM):.1f}">{_number(value, step)}</text>'
 
 
 def _time_axis(first: float, last: float) -> Iterator[str]:

@@ -37,6 +37,12 @@ _TITLES: Final[Mapping[str, str]] = {
     "oiv_lat": "Occupant impact velocity, lateral",
     "ridedown": "Occupant ridedown acceleration",
 }
+_ANOTHER: Final = (
+    '<p class="hint">Delta-V here is the largest within 300 ms of time zero. The event <i>crash</i> tells the largest '
+    "change of velocity within the time of its trigger, and the table of an event data recorder goes to the end of the "
+    "event and 30 ms: these may be smaller.</p>"
+)
+"""Why other numbers of the page are called a change of velocity, too."""
 _BEFORE_S, _AFTER_S = -5.0, 5.0
 _KINDS: Final = {
     "harsh_braking": "harsh braking begins",
@@ -67,6 +73,7 @@ def crash_page(facts: Json, streams: Mapping[str, pa.Table], spans: list[Span]) 
         time_line([*_moments(rows, severest, spans)], _BEFORE_S, _AFTER_S),
         f'<div class="beside">{drawn}<div class="charts">{pulse_charts(streams, severest, spans)}</div></div>',
         _numbers(rows),
+        _ANOTHER,
         _others(facts),
     ]
     return "".join(parts)

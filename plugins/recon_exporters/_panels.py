@@ -241,7 +241,8 @@ def _residual_panels(residuals: pa.Table | None) -> Iterator[Panel]:
             _curve(role, role, part, np.where(chosen, drawn, np.nan))
             for role, chosen in (("accepted", accepted), ("rejected", ~accepted))
         ]
-        title = f"Residuals of {words(sensor)} {words(component)}".rstrip()
+        cut = f"; those beyond {FARTHEST:g} σ are drawn at {FARTHEST:g} σ" if (np.abs(ratio) > FARTHEST).any() else ""
+        title = f"Residuals of {words(sensor)} {words(component)}".rstrip() + cut
         key = f"residuals_{sensor}_{component}"
         yield Panel(key, title, "σ", "residuals", list(_there(found)), levels=(-2.0, 2.0))
 

@@ -30,7 +30,7 @@ from recon_exporters._decimate import SPANS
 from recon_exporters._facts import facts_of
 from recon_exporters._findings import findings_section
 from recon_exporters._page import page
-from recon_exporters._panels import FARTHEST, Panel, panels_of
+from recon_exporters._panels import Panel, panels_of
 from recon_exporters._track_map import track_map
 
 _BEFORE: Final = 1_000_000_000
@@ -113,8 +113,6 @@ def _notes(window: Window, panels: Sequence[Panel]) -> list[str]:
             "and the highest value, and of single points one of every few besides. Tables, and charts of crashes from "
             "close by, rest on every row."
         )
-    if any(panel.group == "residuals" for panel in panels):
-        notes.append(f"Residuals beyond {FARTHEST:g} sigma are drawn there.")
     return notes
 
 

@@ -108,6 +108,7 @@ def test_two_impacts_are_two_events_and_nothing_is_dropped() -> None:
     accel[:, 0] -= pulses.pulse(t_s, pulses.ZERO_S + 0.8, 0.1) * 4.0
     found = detected(t_s, accel)
     assert len(spans(found["events"], "crash")) == 2
+    assert "largest change of velocity within 150 ms;" in found["events"]["note"][0].as_py()
     assert set(found) == {"events", "metrics"}  # imu is not touched
 
 

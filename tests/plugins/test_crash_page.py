@@ -90,6 +90,11 @@ def test_the_page_says_first_what_happened(tmp_path):
     assert "the force came from <b>30° (95 %: 26 to 34°)</b>, clockwise from straight ahead" in text
 
 
+def test_why_other_changes_of_velocity_differ_stands_below_the_numbers(tmp_path):
+    text = section(made(tmp_path))
+    assert text.index("within 300 ms of time zero. The event <i>crash</i>") > text.index("49 CFR 563")
+
+
 def test_a_sigma_has_as_many_places_as_its_value(tmp_path):
     text = section(
         made(tmp_path, learnt=judged(delta_v_resultant_max=Metric("delta_v_resultant_max", 12.2, "km/h", 0.1)))
