@@ -13,6 +13,7 @@ from recon.numerics.allan import Noise, fit, overlapping, sizes, uncertainty
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import regular_samples
 from recon.numerics.smoothing.stops import MOST_LIMITS, Blocks, block_means, find_stops
+from recon.rounding import rounded
 from recon.tables import Array, has, matrix, seconds, time_ns, vector
 from recon.units import convert
 
@@ -139,5 +140,5 @@ def fuser_params(found: Allan) -> dict[str, str]:
     for name, (sensor, term, si, unit) in units.items():
         value = typical(found, sensor, term)
         if value:
-            told[name] = f"{convert(value, si, unit):.3g} {unit}"
+            told[name] = f"{rounded(convert(value, si, unit), digits=3)} {unit}"
     return told

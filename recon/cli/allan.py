@@ -127,7 +127,9 @@ def _refuse_kind(plot: Path | None) -> None:
 
 
 def _shown(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    from recon.rounding import rounded
+
+    return "-" if value is None else rounded(value, digits=3)
 
 
 def _draw(path: Path, found: Allan) -> None:

@@ -42,6 +42,7 @@ def convert(
     """
     from recon.api import execute
     from recon.pipeline import Pipeline
+    from recon.rounding import counted
 
     check_store(store)
     overrides, registry = overrides_of(settings), registry_of(blocked, first_party_only)
@@ -58,7 +59,7 @@ def convert(
             )  # fmt: skip
             if as_file:
                 _write_file(made, target)
-        rows = ", ".join(f"{name} ({table.num_rows:,} rows)" for name, table in made.recording.items())
+        rows = ", ".join(f"{name} ({counted(table.num_rows, 'row')})" for name, table in made.recording.items())
         console.write("\n".join([f"{target}: {rows}", *warning_lines(made.warnings)]))
 
 

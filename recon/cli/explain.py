@@ -46,6 +46,8 @@ def explain(
 
 def as_text(found: Explanation) -> str:
     """The walk for people, from the number down to the log."""
+    from recon.rounding import milliseconds
+
     row = found.metric
     told = [("given by", found.step), ("method", row.get("method") or ""), ("note", row.get("note") or "")]
     parts = [f"{row['name']} = {_value(row)}", console.table([line for line in told if line[1]])]
@@ -57,7 +59,7 @@ def as_text(found: Explanation) -> str:
         for part in entry.get("files", [entry]):
             parts.append(f"  {part['name']}, {part['bytes']:,} bytes, SHA-256 {part['sha256']}")
     for rows in found.rows:
-        about = f"  {rows.about}, {rows.start} to {rows.end}"
+        about = f"  {rows.about}, {milliseconds(rows.start)} to {milliseconds(rows.end)} UTC"
         parts += [about] * (about != shown) + list(_rows(rows))
         shown = about
     if found.missing:

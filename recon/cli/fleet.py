@@ -37,7 +37,10 @@ def fleet(
 
 def as_text(found: dict[str, Any]) -> str:
     """The summary for people."""
-    drives = f"{found['drives']} of {found['vehicles']} vehicles: {found['done']} done, {found['failed']} failed"
+    from recon.rounding import counted
+
+    of = counted(found["vehicles"], "vehicle")
+    drives = f"{found['drives']:,} of {of}: {found['done']} done, {found['failed']} failed"
     parts = [
         console.table(
             [

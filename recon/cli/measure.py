@@ -29,13 +29,16 @@ def measure(
     Example: recon measure drive-smartphone --from '#12' --to 100s
     """
     from recon import api
+    from recon.rounding import milliseconds
 
     moved = api.open(run).trajectory.between(start, stop)
     data = as_data(moved)
     if as_json:
         console.write_json({"run": str(run), "from": str(moved.start), "to": str(moved.stop), **data})
     else:
-        console.write(as_text(f"{run} from {moved.start} to {moved.stop} UTC", data))
+        console.write(
+            as_text(f"{run} from {milliseconds(str(moved.start))} to {milliseconds(str(moved.stop))} UTC", data)
+        )
 
 
 def as_data(moved: Movement) -> dict[str, dict[str, Any]]:

@@ -29,7 +29,11 @@ if TYPE_CHECKING:
 
 _HEAD: Final = (
     *("outage", "number", "way", "horizontal", "largest", "of the way", "worst inside", "vertical"),
-    *("velocity", "heading", "told sigma", "within 2"),
+    *("velocity", "heading", "sigma told", "within 2 sigma"),
+)
+_LEGEND: Final = (
+    "errors are medians at the end of an outage, but 'largest' is the largest horizontal one there, and 'worst inside' "
+    "the median of the largest horizontal ones while GNSS was away"
 )
 _COLORS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Of Okabe and Ito (2008), which every eye tells apart."""
@@ -79,7 +83,7 @@ def outages(
 def _as_text(data: Mapping[str, Any]) -> str:
     how = f"pipeline {data['pipeline']}, against {_against(data['against'])}"
     title = f"{', '.join(data['paths'])}: outages of GNSS, {how}"
-    return "\n".join([title, console.table([_HEAD, *_rows(data["lengths"])]), *_doubts(data)])
+    return "\n".join([title, console.table([_HEAD, *_rows(data["lengths"])]), _LEGEND, *_doubts(data)])
 
 
 def _against(what: str) -> str:

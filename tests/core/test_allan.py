@@ -46,6 +46,12 @@ def test_the_yaml_is_what_fuser_map_reads(resting, tmp_path, capsys):
     assert params.gyro_noise == pytest.approx(np.radians(0.007), rel=0.02)
 
 
+def test_large_terms_are_shown_without_an_exponent():
+    from recon.cli.allan import _shown
+
+    assert [_shown(value) for value in (42_041.7, 1.9367, 5.59e-5, None)] == ["42042", "1.94", "5.59e-05", "-"]
+
+
 def test_of_a_drive_the_longest_stop_is_taken():
     streams = simulate_drive(DriveParams(motion="city", duration=150.0, rest=60.0, sensors="consumer_mems"))
     found = analyse(streams["imu"], streams["gnss"])

@@ -112,6 +112,7 @@ def test_people_read_the_number_the_steps_and_the_lines(place, capsys):
     for part in (
         "detector.shock (version 1 of recon-dynamics",
         "threshold = 2 g",
+        " UTC\n    imu: rows ",
         "SHA-256",
         "lines 204 to 205 of drive.txt",
     ):

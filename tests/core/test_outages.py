@@ -98,7 +98,9 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     assert main(["run", str(pipeline), "--out", str(kept)]) == 0
     capsys.readouterr()
     assert main(["outages", str(kept), "--lengths", "10", "--most", "2", "--out", str(out)]) == 0
-    assert "against the log's own reference" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "against the log's own reference" in printed
+    assert "'worst inside' the median of the largest" in printed
     assert sorted(path.name for path in out.iterdir()) == ["outages.json", "outages.md", "outages.png"]
     told = json.loads((out / "outages.json").read_text())
     assert told["warnings"] == {"outages of 10 s": []}
