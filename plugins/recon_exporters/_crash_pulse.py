@@ -1,6 +1,8 @@
 """The pulse of a crash over milliseconds after time zero: accelerations as recorded and as CFC 60, and delta-V.
 
 delta-V = integral of the acceleration along axes of the vehicle from time zero (49 CFR 563; SAE J211-1 for CFC 60)
+
+Its horizontal size has a band of two sigma where the fuser tells how well changes of velocity are known (knots).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
 from recon.numerics.signals import median_rate
 from recon.tables import Array, has, measured_axes, schema_of, time_ns
+from recon.trajectory import Trajectory
 from recon_exporters._chart import Span, Window, figure
 from recon_exporters._panels import Curve, Panel
 
@@ -36,7 +39,9 @@ def pulse_charts(streams: Mapping[str, pa.Table], crash: Span, spans: list[Span]
         return ""
     window = Window(crash.start_ns - BEFORE_NS, crash.start_ns + AFTER_NS, crash.start_ns)
     shown = [span for span in spans if span.kind in ("crash", "saturation")]
-    return "".join(figure(panel, window, shown, _GAP_S) for panel in _panels(felt, crash.start_ns))
+    return "".join(
+        figure(panel, window, shown, _GAP_S) for panel in _panels(felt, crash.start_ns, streams.get("knots"))
+    )
 
 
 def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
@@ -48,7 +53,7 @@ def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
     return imu if turned else None
 
 
-def _panels(felt: pa.Table, zero_ns: int) -> Iterator[Panel]:
+def _panels(felt: pa.Table, zero_ns: int, knots: pa.Table | None) -> Iterator[Panel]:
     t_ns, accel, axes = _around(felt, zero_ns)
     if len(t_ns) < 3:
         return
@@ -63,7 +68,8 @@ def _panels(felt: pa.Table, zero_ns: int) -> Iterator[Panel]:
         t_ns, gained = t_ns[after], _gained(t_ns[after], accel[after])
         curves = [Curve(name, role, t_ns, gained[:, i]) for i, (name, role) in axes]
         if len(axes) > 1:
-            curves.append(Curve("horizontal", "reference", t_ns, np.hypot(gained[:, 0], gained[:, 1])))
+            size, sigma = np.hypot(gained[:, 0], gained[:, 1]), _sigma(felt, knots, t_ns)
+            curves.append(Curve("horizontal", "reference", t_ns, size, sigma))
         yield Panel("pulse_delta_v", "Delta-V, time after time zero", "km/h", "crash", curves, levels=(0.0,))
 
 
@@ -78,6 +84,18 @@ def _around(felt: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array, lis
     known = np.isfinite(accel[:, :2]).all(axis=1)
     axes = [axis for axis in enumerate(_NAMES) if f"accel_{'xy'[axis[0]]}" not in unmeasured]
     return t_ns[first:last][known], accel[known, :2], axes
+
+
+def _sigma(felt: pa.Table, knots: pa.Table | None, t_ns: NDArray[np.int64]) -> Array | None:
+    """Of the horizontal change of velocity since the first of these rows: (n,) km/h, None if unknown."""
+    if knots is None or not has(felt, "vel"):
+        return None
+    times = t_ns.view("datetime64[ns]")
+    moved = Trajectory(felt, knots).between(np.full(len(times), times[0]), times)
+    change, spread = moved.velocity_change[:, :2], moved.velocity_covariance[:, :2, :2]
+    along = change / np.maximum(np.linalg.norm(change, axis=1), np.finfo(float).tiny)[:, None]
+    sigma = 3.6 * np.sqrt(np.einsum("ij,ijk,ik->i", along, spread, along))
+    return np.asarray(sigma) if np.isfinite(sigma).all() else None
 
 
 def _gained(t_ns: NDArray[np.int64], accel: Array) -> Array:

@@ -28,6 +28,7 @@ from recon.yaml_nodes import Node
 from recon_analyzers.crash import CrashParams, analyze_crash
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
+from recon_exporters._crash_pulse import _panels
 from recon_readers.csv import CsvParams
 from recon_readers.csv import read as read_csv
 
@@ -223,3 +224,17 @@ def test_a_hundred_thousand_samples_are_analysed_in_half_a_second(logs: Path) ->
     begin = time.process_time()
     analyzed(imu)
     assert time.process_time() - begin < 0.5
+
+
+def test_the_chart_of_delta_v_has_the_band_that_the_fuser_tells(run: recon.Run, car: dict[str, Any]) -> None:
+    """The smoother's sigma is another road than the analysis': they know the same noise, twice as much is a fault."""
+    ((zero_ns, _),) = spans(run.events, "impact")
+    felt, knots = run.recording["trajectory"], run.recording["knots"]
+    (size,) = [curve for curve in [*_panels(felt, zero_ns, knots)][1].curves if curve.name == "horizontal"]
+    assert size.sigma is not None
+    assert size.sigma[0] == 0.0
+    at = int(np.searchsorted(size.t_ns, zero_ns + 300_000_000))
+    told = car["delta_v_resultant_max"]
+    assert abs(size.values[at] - told["value"]) < 2.0 * told["sigma"]
+    assert 0.5 < size.sigma[at] / told["sigma"] < 2.0
+    assert all(curve.sigma is None for curve in [*_panels(felt, zero_ns, None)][1].curves)
