@@ -53,6 +53,8 @@ def batch(
         raise
     facts = _facts(fleet, report)
     console.write_json(facts) if as_json else console.write(_text(facts))
+    if report.unwritten is not None:
+        raise report.unwritten
     if report.failures:
         raise typer.Exit(EXIT_SOME_FAILED)
 
@@ -101,6 +103,7 @@ def _facts(fleet: Fleet, report: Report) -> dict[str, Any]:
         "failed": len(report.failures),
         "superseded": report.superseded,
         "stopped": report.stopped,
+        "recorded": report.unwritten is None,
         "failures": [
             {"job": one.drive.key, "input": str(one.drive.place), "code": one.outcome.code, "reason": one.outcome.text}
             for one in report.failures
@@ -117,6 +120,6 @@ def _text(facts: dict[str, Any]) -> str:
     lines += [f"failed: {count} {code}" for code, count in counts.most_common()]
     if facts["superseded"]:
         lines.append(f"{facts['superseded']} older results of failed drives were moved to {SUPERSEDED} in the output")
-    if facts["stopped"]:
+    if facts["stopped"] and facts["recorded"]:
         lines.append("stopped at the first failure (on_error: stop)")
     return "\n".join(lines)

@@ -19,7 +19,7 @@ from typing import Any, Final, TypeAlias
 import recon
 from recon.batch import BatchFile, parse
 from recon.batch_plan import plan_batch
-from recon.errors import ConfigError
+from recon.errors import ConfigError, StorageError
 from recon.fleet.compacted import Index, failed_before, read_index
 from recon.fleet.compaction import Failure, compact
 from recon.fleet.drive_job import DriveJob, is_made_of, made_how, made_of
@@ -112,13 +112,18 @@ Told: TypeAlias = Callable[[State], None]
 
 @dataclass(frozen=True)
 class Report:
-    """What became of a batch. superseded : older results of drives that failed, which were moved out of the dataset"""
+    """What became of a batch.
+
+    superseded : older results of drives that failed, which were moved out of the dataset
+    unwritten : why the files of the whole fleet do not tell all this; None where they do
+    """
 
     done: int
     kept: int
     failures: Sequence[Failure] = field(default_factory=list)
     stopped: bool = False
     superseded: int = 0
+    unwritten: StorageError | None = None
 
 
 def load(file: Path, registry: Registry, executor: str = "") -> Fleet:
@@ -214,7 +219,7 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
     A result is only there for a drive that did not fail the last time, so that the dataset says what `jobs` says.
 
     only : a vehicle, where not all are to be done
-    Raises ConfigError where another batch is at work on the output, StorageError where that cannot be written.
+    Raises ConfigError where another batch is at work on the output, StorageError where nothing can be written there.
     """
     drives = chosen(fleet, only)
     with fleet.root.prepared():
@@ -225,18 +230,23 @@ def run(fleet: Fleet, told: Told, *, only: str = "", verify: bool = False) -> Re
         before = _failed_before(fleet)
         failures: list[Failure] = []
         done = superseded = 0
-        with closing(_outcomes(fleet, todo, kept, told)) as outcomes:
-            for drive, outcome in outcomes:
-                before.pop(drive.key, None)
-                done += outcome.ok
-                if outcome.ok:
-                    continue
-                failures.append(Failure(drive, outcome))
-                superseded += fleet.root.set_aside(drive.key)
-                if fleet.batch.on_error == "stop":
-                    break
-        compact(fleet.root, index, {**before, **{failure.drive.key: failure.row() for failure in failures}})
-    return Report(done, kept, failures, stopped=done + len(failures) < len(todo), superseded=superseded)
+        unwritten: StorageError | None = None
+        try:
+            with closing(_outcomes(fleet, todo, kept, told)) as outcomes:
+                for drive, outcome in outcomes:
+                    before.pop(drive.key, None)
+                    done += outcome.ok
+                    if outcome.ok:
+                        continue
+                    failures.append(Failure(drive, outcome))
+                    superseded += fleet.root.set_aside(drive.key)
+                    if fleet.batch.on_error == "stop":
+                        break
+            compact(fleet.root, index, {**before, **{failure.drive.key: failure.row() for failure in failures}})
+        except StorageError as error:
+            unwritten = error
+    stopped = done + len(failures) < len(todo)
+    return Report(done, kept, failures, stopped=stopped, superseded=superseded, unwritten=unwritten)
 
 
 def _failed_before(fleet: Fleet) -> dict[str, dict[str, Any]]:

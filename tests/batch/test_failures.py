@@ -105,3 +105,20 @@ def test_what_may_go_well_another_time_is_tried_again(tmp_path: Path) -> None:
     lines = [json.loads(line) for line in errors.splitlines()]
     assert lines[0] == {**lines[0], "total": 9, "ended": 0}
     assert [line["ended"] for line in lines] == list(range(10))
+
+
+def test_failures_are_told_where_the_record_of_them_cannot_be_written(tmp_path: Path) -> None:
+    file = fleet(tmp_path, {**GOOD, "C/raise": "raise 1", "C/short": "short 1"})
+    record = file.parent / "results/jobs.parquet"
+    record.mkdir(parents=True)
+    code, out, errors = finish(file, "--json")
+    assert code == 8
+    facts = json.loads(out)
+    failed = {one["job"]: one["code"] for one in facts["failures"]}
+    assert (facts["done"], facts["recorded"]) == (len(GOOD), False)
+    assert failed == {"vehicle=C/drive=raise": "stage_failed", "vehicle=C/drive=short": "not_enough_data"}
+    assert f"{record} could not be written" in errors
+    record.rmdir()
+    code, out, _ = finish(file, "--json")
+    assert (code, json.loads(out)["done_before"], json.loads(out)["recorded"]) == (6, len(GOOD), True)
+    assert {row["drive"] for row in rows(file.parent / "results") if row["status"] == "failed"} == {"raise", "short"}
