@@ -21,8 +21,8 @@ _LARGE_RESIDUAL: Final = 2.0
 """Root mean square of accepted residuals in sigmas."""
 _LARGE_DRIFT: Final = (20.0, 5.0)
 """m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
-_LARGE_NOISE: Final = 100.0
-"""Times the noise that was expected of the IMU, beyond which it is the model that does not fit."""
+_LARGE_NOISE: Final = {"gyro": 50.0, "accel": 50.0, "gyro_walk": 100.0, "accel_walk": 100.0}
+"""Times what was expected of the IMU, beyond which it is the model that does not fit: a rough road makes thirty."""
 _MOST_NOISE: Final = 300.0
 """The same of the white noise, beyond which hardly anything is left of what the IMU says."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
@@ -56,11 +56,9 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
 
 def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
     """Does the IMU contradict the motion by more than any noise explains?"""
-    sizes = {
-        name: getattr(noise, name) / getattr(expected, name) for name in ("gyro", "accel", "gyro_walk", "accel_walk")
-    }
-    worst = max(sizes, key=lambda name: sizes[name])
-    if sizes[worst] <= _LARGE_NOISE:
+    sizes = {name: getattr(noise, name) / getattr(expected, name) for name in _LARGE_NOISE}
+    worst = max(sizes, key=lambda name: sizes[name] / _LARGE_NOISE[name])
+    if sizes[worst] <= _LARGE_NOISE[worst]:
         return []
     sensor = worst.split("_")[0]
     walks = worst.endswith("walk")
