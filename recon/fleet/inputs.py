@@ -236,5 +236,9 @@ def _doubles(parts: Sequence[Drives], batch: BatchFile) -> list[Problem]:
         other = first.setdefault(name, drive) if hash(name) in suspects else drive
         if other is not drive:
             text = f"{other.place} and {drive.place} are both drive '{drive.drive}' of vehicle '{drive.vehicle}'"
-            found.append(Problem(where, "double-drive", shortened(text, 300), "change 'vehicle' or 'drive'"))
+            hint = "change 'vehicle' or 'drive'"
+            if drive.place == other.place:
+                text = f"{drive.place} is named twice as drive '{drive.drive}' of vehicle '{drive.vehicle}'"
+                hint = "leave one of the two away"
+            found.append(Problem(where, "double-drive", shortened(text, 300), hint))
     return found

@@ -97,6 +97,11 @@ def test_two_files_of_one_name_are_refused(small: Path, capsys: pytest.CaptureFi
     assert "are both drive 'd0' of vehicle 'd0'" in refused(small, "'logs/*/*.txt'", rule, capsys)
 
 
+def test_a_log_that_is_named_twice_is_told_so(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    twice = "'logs/*/*.txt'}, {glob: logs/A12/d0.txt"
+    assert "d0.txt is named twice as drive 'd0' of vehicle 'A12'" in refused(small, "'logs/*/*.txt'", twice, capsys)
+
+
 def test_an_override_that_fits_nowhere_is_told_before_the_first_job(
     small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
