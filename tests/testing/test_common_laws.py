@@ -36,6 +36,11 @@ def fickle(*, imu: pa.Table, params: Params) -> Streams:
     return {"imu": imu, "metrics": metrics([Metric("calls", float(next(CALLS)))])}
 
 
+def printing(*, imu: pa.Table, params: Params) -> Streams:
+    print(f"{imu.num_rows} rows")  # noqa: T201 - what is wrong with it
+    return {"imu": imu}
+
+
 def talkative(*, imu: pa.Table, params: Params) -> Streams:
     return {"imu": replace(imu, jerk=np.zeros(imu.num_rows))}
 
@@ -150,6 +155,7 @@ READS_TEMPERATURE = {"imu": IMU.need("accel", maybe=["temperature"])}
     ("run", "law", "words"),
     [
         (first_chunk, "same_for_any_chunking", "the same table in other chunks gives another 'metrics'"),
+        (printing, "nothing_is_printed", " rows'; return a metric or a warning in place of it"),
         (rebuilt, "unrelated_columns_survive", "did not return ['extra']"),
         (forgetful, "unrelated_columns_survive", "the facts of the stream 'imu' are gone"),
         (mixed_up, "unrelated_columns_survive", "'extra' of the stream 'imu' holds other values than before"),

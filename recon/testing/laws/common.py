@@ -8,6 +8,8 @@ PYTEST_DONT_REWRITE: what a law says is a sentence already.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -77,6 +79,15 @@ def same_input_twice_gives_same_output(subject: Subject) -> None:
     """A run depends on nothing but its inputs and parameters."""
     inputs = subject.inputs()
     assert_same(result(subject, inputs), result(subject, inputs), "a second run on the same input")
+
+
+@law(when=returns)
+def nothing_is_printed(subject: Subject) -> None:
+    """Standard output belongs to what the command prints, which programs read."""
+    with redirect_stdout(StringIO()) as printed:
+        result(subject, subject.inputs())
+    first = printed.getvalue().strip().partition("\n")[0]
+    assert not printed.getvalue(), f"it prints '{first}'; return a metric or a warning in place of it"
 
 
 @law(when=returns_streams)
