@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ def call(step: PlannedStep, recording: Recording) -> Streams:
         returned = guarded(step, lambda: step.stage.run(**tables, params=step.params))
     except OSError as error:
         raise StageError(step.id, f"{type(error).__name__}: {error}") from error
-    return checked(step, returned)
+    with _blamed(step):
+        return checked(step, returned)
 
 
 def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: object) -> list[Path]:
@@ -36,8 +38,14 @@ def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: 
     if isinstance(step.stage, Exporter) and step.stage.every_stream:
         tables["streams"] = dict(recording)
     returned = guarded(step, lambda: step.stage.run(**tables, folder=folder, about=about, params=step.params))
+    with _blamed(step):
+        return _written(step, returned, folder)
+
+
+def _written(step: PlannedStep, returned: Any, folder: Path) -> list[Path]:
+    """The files that an exporter named. Raises ContractError where they are not there, or not in the folder."""
     if not isinstance(returned, Sequence) or not all(isinstance(path, Path) for path in returned):
-        raise ContractError(step.id, "it did not return a list of paths")
+        raise ContractError(step.id, f"it did not return a list of paths but {_kind(returned)}")
     files = list(returned)
     outside = [path for path in files if not path.resolve().is_relative_to(folder.resolve())]
     if outside:
@@ -65,14 +73,37 @@ def guarded(step: PlannedStep, work: Callable[[], Any]) -> Any:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a stage is somebody else's code, and may even exit
-        hint = f"this is a fault of {step.source or step.stage.key}; '-v' shows where"
+        hint = f"{_fault_of(step)}; '-v' shows where"
         raise StageError(step.id, f"{type(error).__name__}: {error}", hint) from error
+
+
+@contextmanager
+def _blamed(step: PlannedStep) -> Iterator[None]:
+    """A contract that is broken in the block is told with whose fault that is."""
+    try:
+        yield
+    except ContractError as error:
+        error.hint = error.hint or _fault_of(step)
+        raise
+
+
+def _fault_of(step: PlannedStep) -> str:
+    return f"this is a fault of {step.source or step.stage.key}"
+
+
+def _kind(returned: Any) -> str:
+    """What a stage returned, by its type; of a mapping the first entry that is no table."""
+    if not isinstance(returned, Mapping):
+        return "None" if returned is None else f"a {type(returned).__name__}"
+    name, value = next((name, value) for name, value in returned.items() if not isinstance(value, pa.Table))
+    return f"a {type(value).__name__} for '{name}'"
 
 
 def checked(step: PlannedStep, returned: Any) -> Streams:
     """What a step returned, by stream, stamped; raises ContractError where it is not what was planned."""
     if not isinstance(returned, Mapping) or not all(isinstance(t, pa.Table) for t in returned.values()):
-        raise ContractError(step.id, "it did not return a mapping of stream names to Arrow tables")
+        text = "it did not return a mapping of stream names to Arrow tables"
+        raise ContractError(step.id, f"{text} but {_kind(returned)}")
     streams = {step.stream_of(port): table for port, table in returned.items()}
     if isinstance(step.stage, Reader) and step.stage.self_describing:
         return {name: conform(table, schema_of(table), stream=name, step=step.id) for name, table in streams.items()}

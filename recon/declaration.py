@@ -85,14 +85,18 @@ class Stage:
 
     def _argument_faults(self) -> list[str]:
         try:
-            taken = set(inspect.signature(self.run).parameters)
+            arguments = inspect.signature(self.run).parameters
         except (TypeError, ValueError):
             return ["run is no function whose arguments can be read"]
+        taken = set(arguments)
         needed = {*self.given, *self.reads, *self._also_given()}
         missing, unknown = sorted(needed - taken), sorted(taken - needed)
         found = [f"its function does not take the argument(s) {missing}, which it is given"] if missing else []
         if unknown:
             found.append(f"its function takes the argument(s) {unknown}, which it does not declare to read")
+        unnamed = sorted(name for name, one in arguments.items() if one.kind is one.POSITIONAL_ONLY)
+        if unnamed:
+            found.append(f"its function does not take the argument(s) {unnamed} by name, as they are given")
         return found
 
     def _also_given(self) -> set[str]:

@@ -19,6 +19,7 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
+from recon.errors import PluginInvalid
 from recon.problems import Problem, did_you_mean, one_of
 from recon.units import UnitError, convert, format_quantity, parse_quantity, si_unit
 from recon.yaml_nodes import Node
@@ -193,11 +194,15 @@ def bind(params: type[Params], node: Node, owner: str) -> tuple[Params | None, l
     """Parameters from a YAML mapping, or every problem with its place.
 
     owner : how messages call the one whose parameters these are, for example "fuser.map"
+    Raises PluginInvalid where the class itself fails.
     """
     try:
         return params.model_validate(node.plain(), context=_IN_TEXT), []
     except ValidationError as error:
         return None, [_problem(params, node, owner, detail) for detail in error.errors()]
+    except Exception as error:  # a constructor or a validator is somebody else's code
+        text = f"{owner}: its class {params.__name__} raises {type(error).__name__}: {error}"
+        raise PluginInvalid(text, "tell its author, or uninstall it") from error
 
 
 def _problem(params: type[Params], node: Node, owner: str, detail: ErrorDetails) -> Problem:

@@ -125,7 +125,9 @@ class Registry:
         _refuse_too_new(sources[0])
         record = _declared(sources[0]).get(key)
         if record is None:
-            raise PluginBroken(f"{sources[0].module} ({sources[0]}) declares no stage '{key}'", _TELL_AUTHOR)
+            text = f"{sources[0].module} ({sources[0]}) declares no stage '{key}'"
+            hook = f"its function declare_{role_of(key)}s, marked with @hookimpl, is to yield it"
+            raise PluginBroken(f"{text}: {hook}", _TELL_AUTHOR)
         return record
 
     def not_found(self, key: str) -> PluginNotFound:
@@ -210,9 +212,13 @@ def _declared(source: Source) -> dict[str, Stage]:
     try:
         manager.register(module)
         manager.check_pending()
-        declared = [
-            record for role in ROLES for records in getattr(manager.hook, f"declare_{role}s")() for record in records
-        ]
+        hooks = [f"declare_{role}s" for role in ROLES]
+        returned = [(hook, records) for hook in hooks for records in getattr(manager.hook, hook)()]
+        for hook, records in returned:
+            if isinstance(records, Stage):
+                text = f"{source.module} ({source}): {hook} returns {records.key}, it is to yield it"
+                raise PluginInvalid(text, _TELL_AUTHOR)
+        declared = [record for _, records in returned for record in records]
         for record in declared:
             _verify(record, source)
     except PluginInvalid:

@@ -23,8 +23,10 @@ def raising(error):
 @pytest.mark.parametrize(
     ("returned", "message"),
     [
-        (None, "it did not return a mapping of stream names to Arrow tables"),
-        ({"imu": [1]}, "it did not return a mapping of stream names to Arrow tables"),
+        (None, "it did not return a mapping of stream names to Arrow tables but None"),
+        (imu_table(), "it did not return a mapping of stream names to Arrow tables but a Table"),
+        ({"imu": [1]}, "it did not return a mapping of stream names to Arrow tables but a list for 'imu'"),
+        ({"imu": {}}, "it did not return a mapping of stream names to Arrow tables but a dict for 'imu'"),
         ({"imu": imu_table(), "mag": imu_table()}, "it returned the stream 'mag', which it does not declare"),
         ({"imu": imu_table(), "imu_2": imu_table()}, "it returned the stream 'imu_2', which it does not declare"),
         ({}, "it did not return the stream 'imu', which it declares"),
@@ -35,6 +37,7 @@ def test_a_stage_that_breaks_its_contract(returned, message):
     with pytest.raises(ContractError) as caught:
         run_work(lambda *, imu, params: returned)
     assert caught.value.message.startswith(f"step filter.work: {message}")
+    assert caught.value.hint.startswith("this is a fault of ")
     assert caught.value.exit_code == 5
 
 

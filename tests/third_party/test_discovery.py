@@ -201,7 +201,10 @@ def test_a_broken_one_is_told_only_when_it_is_used(place, log, stranger):
         ("def (:\n", r"cannot be imported: SyntaxError"),
         ("1 / 0\n", r"cannot be imported: ZeroDivisionError: division by zero"),
         ("", r"stranger\.odd \(broken-stranger 0\.9\) declares no stage 'filter\.odd'"),
-        (STAGE, r"declares no stage 'filter\.odd'"),
+        (
+            STAGE,
+            r"declares no stage 'filter\.odd': its function declare_filters, marked with @hookimpl, is to yield it",
+        ),
         (
             "from recon import hookimpl\n@hookimpl\ndef declare_filtres():\n    return []\n",
             r"cannot be used: .*declare_filtres",
@@ -224,12 +227,39 @@ def test_what_is_wrong_with_a_broken_one_is_said(place, text, message):
             "Filter(name='odd', summary='Odd.', run=lambda *, gnss, params: {})",
             r"its function takes the argument\(s\) \['gnss'\], which it does not declare to read",
         ),
+        (
+            "Filter(name='odd', summary='Odd.', run=lambda params, /: {})",
+            r"filter\.odd: its function does not take the argument\(s\) \['params'\] by name, as they are given",
+        ),
     ],
 )
 def test_a_record_that_breaks_the_rules_is_refused(place, record, message):
     text = f"from recon import Filter, hookimpl\n@hookimpl\ndef declare_filters():\n    yield {record}\n"
     with pytest.raises(PluginInvalid, match=message):
         broken(place, text).get("filter.odd")
+
+
+def test_a_hook_that_returns_its_record_is_told_to_yield_it(place):
+    record = "Filter(name='odd', summary='Odd.', run=lambda params: {})"
+    text = f"from recon import Filter, hookimpl\n@hookimpl\ndef declare_filters():\n    return {record}\n"
+    message = r"stranger\.odd \(broken-stranger 0\.9\): declare_filters returns filter\.odd, it is to yield it"
+    with pytest.raises(PluginInvalid, match=message):
+        broken(place, text).get("filter.odd")
+
+
+def test_a_class_of_parameters_that_raises_is_no_fault_of_recon(place):
+    text = (
+        "from recon import Filter, Params, hookimpl\n"
+        "class OddParams(Params):\n"
+        "    def __init__(self, **given):\n"
+        "        raise RuntimeError('no licence')\n"
+        "@hookimpl\n"
+        "def declare_filters():\n"
+        "    yield Filter(name='odd', summary='Odd.', run=lambda params: {}, params=OddParams)\n"
+    )
+    registry = broken(place, text)
+    with pytest.raises(PluginInvalid, match=r"filter\.odd: its class OddParams raises RuntimeError: no licence"):
+        check(Pipeline.of("odd", "reader.speeds", "filter.odd"), registry)
 
 
 def test_a_broken_package_does_not_hide_shipped_pipelines(place):
