@@ -8,9 +8,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from recon import Array, Metric, has, time_ns, vector, warning
+from recon import Array, Metric, has, seconds, time_ns, vector, warning
 from recon.agreement import agreement, as_metrics
 from recon.fixes import Observed
+from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, Noise
 
 _REJECTED: Final = 0.2
@@ -99,6 +100,8 @@ def _directions(found: Estimate, trajectory: pa.Table) -> list[str]:
     if heading > np.degrees(_UNSURE_HEADING):
         known = f"only known to {heading:.0f} deg" if heading < 90.0 else "unknown"
         notes.append(f"the heading is {known}: there is hardly any motion on wheels to tell it")
+    else:
+        notes += _unsure_part(trajectory)
     fastest = float(np.sqrt((found.solved.state.vel_n**2).sum(axis=0)).max())
     if found.smoother.model.mounting is None and fastest < _REVERSING:
         notes.append(
@@ -106,6 +109,20 @@ def _directions(found: Estimate, trajectory: pa.Table) -> list[str]:
             "give the parameter mounting"
         )
     return notes
+
+
+def _unsure_part(trajectory: pa.Table) -> list[str]:
+    """Where is a heading that is known elsewhere not? The longest such part."""
+    sigma = vector(trajectory, "att_std_yaw")
+    unsure = sigma > _UNSURE_HEADING
+    if not unsure.any():
+        return []
+    first, stop = max(runs(unsure), key=lambda part: part[1] - part[0])
+    t_s, worst = seconds(trajectory), min(float(np.degrees(sigma[first:stop].max())), 180.0)
+    return [
+        f"from {t_s[first]:.0f} to {t_s[stop - 1]:.0f} s the heading is hardly known: its sigma of {worst:.0f} deg may "
+        "be too small, and those of the motion there, too; the IMU was silent, or too little motion tells the heading"
+    ]
 
 
 def _compared(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.Table) -> list[Metric]:

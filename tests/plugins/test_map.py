@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from map_drives import drive, errors, fused, numbers, scaled, without
 
-from recon import KNOTS, RESIDUALS, TRAJECTORY, Streams, matrix, meta, time_ns, vector
+from recon import KNOTS, RESIDUALS, TRAJECTORY, Streams, matrix, meta, seconds, time_ns, vector
 from recon.errors import DataError
 from recon.rows import spans, warnings_of
 from recon.tables import conform, select_rows, times
@@ -233,3 +233,15 @@ def test_noise_far_beyond_what_was_expected_is_a_doubt(streams, times, doubted):
     told = {"gyro_noise": np.radians(0.01) / times, "accel_noise": 150e-6 * 9.80665 / times}
     notes = warnings_of(fused(streams, **told)["metrics"])
     assert any("contradict each other" in note for note in notes) == doubted
+
+
+@pytest.mark.parametrize(("silence", "lost"), [((259.0, 274.0), True), ((100.0, 115.0), False)])
+def test_a_heading_that_is_not_found_again_after_the_imu_was_silent_is_a_doubt(silence, lost):
+    # Of the half minute after the first silence it stands for most; after the second it drives for minutes.
+    def edit(s):
+        t_s = seconds(s["imu"])
+        return {**s, "imu": select_rows(s["imu"], (t_s < silence[0]) | (t_s > silence[1]))}
+
+    notes = warnings_of(fused(drive("city", seed=6211, duration=300.0), edit)["metrics"])
+    assert any("from 274 to 300 s the heading is hardly known" in note for note in notes) == lost
+    assert lost or notes == []
