@@ -49,6 +49,7 @@ _RC: Final[Any] = {
     "grid.color": "#e4e6e8",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
+    "legend.markerscale": 2.0,
     "path.simplify": False,
     "svg.hashsalt": "recon",
     "svg.fonttype": "none",

@@ -74,6 +74,15 @@ def test_the_picture_shows_the_curve(tmp_path):
     assert pixels(picture, "#0072b2") > 1000
 
 
+def test_a_dot_of_the_key_is_large_enough_to_tell_its_colour(tmp_path):
+    """A fix is drawn with a radius of 0.96 pt and the key with twice that: a shape of at least 3.5 pt."""
+    root = ElementTree.parse(export(tmp_path, streams(gnss=fixes(np.arange(30))), format="svg")["track"]).getroot()
+    (key,) = [node for node in root.iter(f"{SVG}g") if (node.get("id") or "").startswith("legend")]
+    marks = [path.get("d") or "" for defs in key.iter(f"{SVG}defs") for path in defs.iter(f"{SVG}path")]
+    sizes = [np.ptp(np.array(re.findall(r"-?\d+\.?\d*", mark), dtype=float)) for mark in marks]
+    assert max(sizes) > 3.5
+
+
 def test_equal_runs_give_equal_bytes(tmp_path):
     for kind in ("png", "svg"):
         (tmp_path / kind).mkdir()
