@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from recon_exporters._style import style_of
+from recon_exporters._style import on_dark
 
 AXIS_COLORS: Final = np.array((0xD55E00FF, 0x009E73FF, 0x56B4E9FF), dtype=np.uint32)
 """x, y, z; Okabe and Ito as in _style."""
-_OWN: Final[Mapping[str, str]] = {
-    "trajectory 1": "#56B4E9",
-    "trajectory 4": "#F0E442",
-    "reference": "#999999",
-    "wheel": "#009E73",
-    "accepted": "#56B4E9",
-    "east": "#56B4E9",
-}
-"""Where that of the charts on white paper is too dark on black."""
 
 
 def packed(color: str) -> int:
@@ -31,7 +21,7 @@ def packed(color: str) -> int:
 
 def color_of(role: str) -> int:
     """The colour of a role."""
-    return packed(_OWN.get(role, style_of(role).color))
+    return packed(on_dark(role))
 
 
 def times(t_ns: NDArray[np.int64]) -> rr.TimeColumn:

@@ -48,6 +48,15 @@ EVENTS: Final[Mapping[str, str]] = {
     "harsh_cornering": "#56B4E9",
 }
 OTHER_EVENT: Final = "#CC79A7"
+_ON_DARK: Final[Mapping[str, str]] = {
+    "trajectory 1": "#56B4E9",
+    "trajectory 4": "#F0E442",
+    "reference": "#999999",
+    "wheel": "#009E73",
+    "accepted": "#56B4E9",
+    "east": "#56B4E9",
+}
+"""Where that of the charts on white paper is too dark on black, or on a picture from above."""
 
 
 _REPEATED: Final = {"trajectory": len(_LINES), "gnss": len(_FIXES)}
@@ -65,6 +74,11 @@ def style_of(role: str) -> Style:
     if role not in STYLES and kind in _REPEATED:
         role = f"{kind} {(int(number) - 1) % _REPEATED[kind] + 1}"
     return STYLES[role]
+
+
+def on_dark(role: str) -> str:
+    """The colour of a role that is seen on black and on white, #RRGGBB."""
+    return _ON_DARK.get(role, style_of(role).color)
 
 
 def layer(role: str) -> int:

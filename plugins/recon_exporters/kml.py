@@ -21,6 +21,7 @@ import pyarrow as pa
 
 from recon.hookspecs import hookimpl
 from recon.stages import Exporter
+from recon_exporters._style import on_dark
 from recon_exporters._text_columns import PLACE_DIGITS, decimals, elements, iso_8601, joined, xml
 from recon_exporters._track_file import TrackFile
 from recon_exporters._tracks import READS, UNITS, Chart, MapParams, Mark, Track
@@ -29,8 +30,6 @@ from recon_exporters._words import words
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">
 """
-_COLOURS = {"trajectory": "ff0000ff", "gnss": "ffff0000"}
-"""Opacity, blue, green, red."""
 
 
 def _document(chart: Chart) -> Iterator[str]:
@@ -55,7 +54,9 @@ def _mode(*, absolute: bool) -> str:
 
 
 def _style(track: Track) -> str:
-    line = f"<LineStyle><color>{_COLOURS[track.name]}</color><width>3</width></LineStyle>"
+    """Its colour in KML: opacity, blue, green, red."""
+    red, green, blue = bytes.fromhex(on_dark(f"{track.name} 1")[1:])
+    line = f"<LineStyle><color>ff{blue:02x}{green:02x}{red:02x}</color><width>3</width></LineStyle>"
     return f'<Style id="style_{track.name}">{line}</Style>\n'
 
 

@@ -77,6 +77,12 @@ def test_references_inside_the_file_lead_somewhere(tmp_path):
     assert [data.get("name") for data in first.findall(".//gx:SimpleArrayData", NAMESPACES)] == fields
 
 
+def test_colours_are_those_of_the_viewer_opacity_first_and_red_last(tmp_path):
+    """The trajectory sky blue #56B4E9, fixes orange #E69F00, as on the dark ground of Rerun."""
+    root = export(tmp_path, trajectory=drive([0, 1]), gnss=fixes([0, 1]))
+    assert texts(root, ".//k:LineStyle/k:color") == ["ffe9b456", "ff009fe6"]
+
+
 def test_times_and_places_read_back(tmp_path):
     table = drive(TENTHS, datum="mean_sea_level")
     root = export(tmp_path, trajectory=table)
