@@ -58,13 +58,18 @@ def happenings(events: pa.Table | None, outages: Sequence[tuple[int, int]], film
     return sorted(shown, key=lambda one: one.begin)
 
 
+def _marker_name(one: Happening) -> str:
+    value = "" if one.value is None else f" {one.value:.1f} {unit_symbol(one.unit)}"
+    return f"{words(one.kind)}{value}".rstrip()
+
+
 def markers(found: Sequence[Happening], film: Film) -> list[Json]:
     """A marker at the frame nearest to the beginning of each, or at the first frame."""
     return [
         {
             "frame": round(_frame(film, one.begin)),
             "kind": one.kind,
-            "name": one.kind if one.value is None else f"{one.kind} {one.value:.1f} {one.unit}".rstrip(),
+            "name": _marker_name(one),
         }
         for one in found
     ]

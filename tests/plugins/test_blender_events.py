@@ -103,3 +103,9 @@ def test_there_is_no_arrow_where_the_film_does_not_show_the_impact():
     shown = film(start=5.0)
     found = happenings(happened((2.0, 2.2), kind="impact", value=12.0), [], shown)
     assert force(found, shown, FPS, pdof(0.0)) is None
+
+
+def test_the_name_of_a_marker_is_in_words():
+    shown = film()
+    events = happened((2.0, 6.0), kind="harsh_acceleration", value=4.13, unit="m/s^2")
+    assert [mark["name"] for mark in markers(happenings(events, [], shown), shown)] == ["harsh acceleration 4.1 m/s²"]

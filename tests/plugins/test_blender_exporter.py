@@ -236,7 +236,7 @@ def test_fixes_lie_where_they_were_at_the_height_of_the_path(tmp_path):
 def test_events_become_markers_with_their_value(tmp_path):
     events = happened((2.0, 2.1), kind="crash", value=62.79, unit="m/s^2")
     facts, _ = export(tmp_path, straight(np.arange(0.0, 4.0, 0.01)), events=events, slow_motion=1.0)
-    assert facts["markers"] == [{"frame": 51, "kind": "crash", "name": "crash 62.8 m/s^2"}]
+    assert facts["markers"] == [{"frame": 51, "kind": "crash", "name": "crash 62.8 m/s²"}]
     assert facts["look"]["still"] == pytest.approx(51.0, abs=1e-6)
 
 
