@@ -65,7 +65,7 @@ def _files(role: str, name: str) -> dict[str, str]:
         "pyproject.toml": "pyproject.toml.in",
         "README.md": "README.md.in",
         f"{module}.py": f"{role}.py",
-        "tests/test_contract.py": own_test if _template(own_test).is_file() else "test_contract.py.in",
+        f"tests/test_{name}.py": own_test if _template(own_test).is_file() else "test_contract.py.in",
     }
     if role == "reader":
         templates["tests/sample.txt"] = "sample.txt.in"

@@ -34,7 +34,7 @@ def laws(*folders: str, cwd: Path, site: Path, only: Iterable[str] = ()) -> dict
     only : names of laws, where not all are of interest
     """
     report = cwd / "report.xml"
-    options = ["--import-mode=importlib", "-p", "no:cacheprovider", f"--junitxml={report}", "-k", " or ".join(only)]
+    options = ["-p", "no:cacheprovider", f"--junitxml={report}", "-k", " or ".join(only)]
     done = python("-m", "pytest", *options, *folders, cwd=cwd, site=site)
     assert done.returncode in (0, 1), done.stdout + done.stderr
     told: dict[str, dict[str, str]] = {}
