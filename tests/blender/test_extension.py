@@ -76,7 +76,7 @@ def test_one_press_makes_a_scene_that_moves_as_the_trajectory_does_at_every_key(
     assert facts["scene"] == "drive"
     seen = look(program, folder, IMPACT)
     assert_curves_hold(seen, recon.open(folder / "drive").trajectory.table)
-    assert [mark for mark in seen.facts["markers"] if mark[0].startswith("crash")] == [["crash 62.8 m/s^2", IMPACT]]
+    assert [mark for mark in seen.facts["markers"] if mark[0].startswith("crash")] == [["crash 62.8 m/s²", IMPACT]]
     red, green, blue = np.moveaxis(seen.picture(IMPACT), -1, 0)
     assert ((blue > 0.25) & (blue > 2.5 * red) & (blue > 1.2 * green)).sum() > 300  # the car, in its paint
     assert seen.picture(IMPACT)[:10].mean() > 0.5  # a bright sky

@@ -87,7 +87,7 @@ def test_the_vehicle_stands_where_the_trajectory_says_with_its_nose_and_roof_the
 
 def test_the_file_tells_its_length_its_events_and_where_on_the_earth_it_is(seen):
     assert (seen.facts["fps"], seen.facts["frames"]) == (25, [1, 251])
-    assert seen.facts["markers"] == [["outage 7.0 s", 76], ["crash 50.0 m/s^2", 201], ["impact 30.0 km/h", 201]]
+    assert seen.facts["markers"] == [["outage 7.0 s", 76], ["crash 50.0 m/s²", 201], ["impact 30.0 km/h", 201]]
     assert seen.facts["camera"] == "camera follow"
     told = seen.facts["properties"]
     assert [told[name] for name in ("anchor_lat", "anchor_lon", "anchor_height")] == [44.5, 11.3, 100.0]
