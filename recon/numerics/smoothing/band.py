@@ -121,7 +121,7 @@ def factor(buffer: Floats, knots: int, size: int) -> Factor:
 def solve_bordered(factor: Factor, border: Floats, corner: Floats) -> Solution:
     """Solve with the border eliminated last: one pass forward over all columns, one backward over the solution.
 
-    border : (N b, g + 1), [B, r]; in Fortran order it need not be copied twice
+    border : (N b, g + 1), [B, r]; in Fortran order it is not copied, and written over
     corner : (g + 1, g + 1), [[C, s], [s^T, any]]
     raises : numpy.linalg.LinAlgError if the whole matrix is not positive definite
     """
@@ -145,12 +145,12 @@ def solve_bordered(factor: Factor, border: Floats, corner: Floats) -> Solution:
 
 def _forward(factor: Factor, right: Floats) -> Floats:
     """L^-1 of the right sides (N b, m)."""
-    return np.asarray(dtbtrs(factor.band, right, uplo="L")[0])
+    return np.asarray(dtbtrs(factor.band, right, uplo="L", overwrite_b=1)[0])
 
 
 def _backward(factor: Factor, right: Floats) -> Floats:
     """L^-T of the right sides (N b, m)."""
-    return np.asarray(dtbtrs(factor.band, right, uplo="L", trans="T")[0])
+    return np.asarray(dtbtrs(factor.band, right, uplo="L", trans="T", overwrite_b=1)[0])
 
 
 def selected_inverse(factor: Factor, solution: Solution) -> Inverse:

@@ -73,7 +73,7 @@ class Prepared:
         """From now on the vehicle stands in these of the `quiet` blocks: (B,)."""
         self.still, self.quiet = self.still | standing, self.quiet & ~standing
         self._stand()
-        self._place()
+        self._bind()
 
     def move_stamps(self, lag: float) -> None:
         """From now on the stamps of the fixes are moved by so much more, s."""
@@ -88,9 +88,12 @@ class Prepared:
 
     def _place(self) -> None:
         """Place the epochs, at fixes stamped as now believed."""
-        drive, samples = self.drive, self.drive.samples
-        self.epochs = place_epochs(samples, self.blocks, drive.fixes.t_s + self.moved_lag)
-        t_s = self.epochs.t_s
+        self.epochs = place_epochs(self.drive.samples, self.blocks, self.drive.fixes.t_s + self.moved_lag)
+        self._bind()
+
+    def _bind(self) -> None:
+        """The epochs at which the wheels bind."""
+        drive, samples, t_s = self.drive, self.drive.samples, self.epochs.t_s
         step = np.clip(np.searchsorted(samples.t_s, t_s, side="right") - 1, 0, len(samples.filled) - 1)
         quiet = still_spans(self.blocks, self.still, t_s - 0.1, t_s + 0.1)
         speed = np.full(len(t_s), np.nan)

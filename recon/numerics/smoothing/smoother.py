@@ -163,15 +163,15 @@ class Smoother(Equations):
         return Integrated(increments, inside, whitening(increments, *self.disturbed.densities(noise)))
 
     def _step(self, damping: float) -> tuple[Factor, Solution]:
-        """Solve for what is free; fixed unknowns do not move."""
+        """Solve for what is free; fixed unknowns do not move. The sums are written over."""
         free = np.append(self.free, True)
         knots = self.normal.knots
-        border = self.normal.border[free].reshape(int(free.sum()), -1).T
+        border = self.normal.border if free.all() else self.normal.border[free]
         corner = self.normal.corner[np.ix_(free, free)]
         i = np.arange(KNOT_SIZE)
         self.normal.blocks[:, i, i] *= 1.0 + damping
         system = factor(self.normal.buffer, knots, KNOT_SIZE)
-        found = solve_bordered(system, border, corner)
+        found = solve_bordered(system, border.reshape(len(border), -1).T, corner)
         whole = np.zeros(COMMON_SIZE)
         whole[self.free] = found.step_global
         return system, replace(found, step_global=whole)
