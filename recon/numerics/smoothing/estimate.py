@@ -63,10 +63,10 @@ class Estimate:
 def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True) -> Estimate:
     """The best trajectory. Raises numpy.linalg.LinAlgError where the data do not determine it."""
     smoother = Smoother(drive, model)
-    state = start_state(smoother)
+    state, near = start_state(smoother), False
     if learn_noise:
-        noise, state = _learnt(smoother, state, noise)
-    solved = _without_outliers(smoother, state, noise)
+        noise, state, near = _learnt(smoother, state, noise)
+    solved = _without_outliers(smoother, state, noise, near)
     lasts = lasting_drift(smoother, solved) if learn_noise else 1.0
     if lasts > _WORTH_IT:
         noise = replace(noise, drift=noise.drift * lasts)
@@ -122,10 +122,13 @@ def with_covariances(smoother: Smoother, solved: Solved) -> Estimate:
     return Estimate(smoother, solved, inverse, marginals(inverse), common, cross)
 
 
-def _without_outliers(smoother: Smoother, start: State, noise: Noise) -> Solved:
-    """Truncated least squares from a fair start; where that puts much aside, or fails, from Cauchy's solution."""
+def _without_outliers(smoother: Smoother, start: State, noise: Noise, near: bool) -> Solved:
+    """Truncated least squares from a fair start; where that puts much aside, or fails, from Cauchy's solution.
+
+    near : the start is Cauchy's solution with much the same noise
+    """
     try:
-        solved = smoother.solve(start, noise, "tls")
+        solved = smoother.solve(start, noise, "tls", resumed=near)
         if solved.converged and solved.rejected < _MOST_REJECTED:
             return solved
     except np.linalg.LinAlgError:
@@ -138,8 +141,8 @@ def forward_speed(state: State) -> Floats:
     return np.asarray(state.rot_vs[0] @ mtv(state.rot_ns, state.vel_n))
 
 
-def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, State]:
-    """The likely noise, and the start with what has been learnt on the way.
+def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, State, bool]:
+    """The likely noise, the start with what has been learnt on the way, and whether that is a solution of the whole.
 
     Where it comes out far from what was assumed, more fixes are believed with it, and it is estimated once more.
     """
@@ -149,13 +152,13 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     part.datum = part.datum.mounted(smoother.datum.rot_vs)
     state = start if whole else knots_of(start, chosen)
     noise = at_least_aliased(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
-    for _ in range(_MOST_ROUNDS):
-        solved = part.solve(state, noise, "cauchy")
+    for count in range(_MOST_ROUNDS):
+        solved = part.solve(state, noise, "cauchy", resumed=count > 0)
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
         if not _grown(before, noise):
             break
     smoother.moved_lag = part.moved_lag
-    return noise, state if whole else replace(start, rot_vs=state.rot_vs, common=state.common)
+    return noise, state if whole else replace(start, rot_vs=state.rot_vs, common=state.common), whole
 
 
 def _grown(before: Noise, after: Noise) -> bool:

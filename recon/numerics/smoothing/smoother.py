@@ -51,6 +51,7 @@ class Smoother(Equations):
     """The equations of a drive and their solution. `solve` may be called with other noise.
 
     increments : of the samples, where they are summed up already; the rest as of Prepared
+    steps : taken so far, of all solutions
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Smoother(Equations):
     ) -> None:
         super().__init__(drive, model, arrival, moved_lag)
         self._increments = increments
+        self.steps = 0
 
     def solve(self, state: State, noise: Noise, loss: Loss, resumed: bool = False) -> Solved:
         """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution.
@@ -72,10 +74,9 @@ class Smoother(Equations):
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
         made = self._integrated(state, noise)
         sharpness: Sharpness | None = SHARPEST if resumed else None
-        begun = _FEWEST_STEPS if resumed else 1
         damping, done = 0.0, False
         self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
-        for count in range(begun, MOST_STEPS + 1):
+        for count in range(_FEWEST_STEPS if resumed else 1, MOST_STEPS + 1):
             state, made = self._kept_fresh(state, noise, made, landed=count != 2)
             here = self.linearise(state, noise, gravity, made, loss, sharpness, count)
             sharpness = here.sharpness
@@ -88,12 +89,13 @@ class Smoother(Equations):
                 continue
             damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
             state = state.moved(solution.step.T, solution.step_global)
+            self.steps += 1
             sharp = loss == "cauchy" or (sharpness is not None and min(sharpness) > _SHARP)
             settled = count >= _FEWEST_STEPS and sharp and damping == 0.0 and not _stale(state, made.increments)
             done = settled and _small(solution, loss)
             if done:
                 break
-        return self._solved(state, noise, gravity, made, here, system, solution, count - begun + 1, done)
+        return self._solved(state, noise, gravity, made, here, system, solution, done)
 
     def about(self, state: State, noise: Noise) -> Solved:
         """One linear step about a state that is known so well that what it leaves far off is an outlier.
@@ -105,7 +107,8 @@ class Smoother(Equations):
         here = self.linearise(state, noise, gravity, made, "tls", SHARPEST, MOST_STEPS)
         system, solution = self._step(0.0)
         state = state.moved(solution.step.T, solution.step_global)
-        return self._solved(state, noise, gravity, made, here, system, solution, 1, True)
+        self.steps += 1
+        return self._solved(state, noise, gravity, made, here, system, solution, True)
 
     def _solved(
         self,
@@ -116,7 +119,6 @@ class Smoother(Equations):
         here: Linearised,
         system: Factor,
         solution: Solution,
-        steps: int,
         converged: bool,
     ) -> Solved:
         return Solved(
@@ -132,7 +134,7 @@ class Smoother(Equations):
             vel_weight=here.weights[1],
             pos_residual=here.position.residual,
             vel_residual=here.velocity.residual,
-            steps=steps,
+            steps=self.steps,
             converged=converged,
             moved_lag=self.moved_lag,
         )

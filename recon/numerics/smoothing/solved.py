@@ -25,7 +25,8 @@ class Solved:
     system, solution : factor of the knots, and the last step; the factor stays good until the smoother solves again
     pos_weight, vel_weight : (E,) robust weights of the fixes at the epochs
     pos_residual, vel_residual : (3, E) in sigmas, before the robust weight
-    steps, converged : how many steps it took, and whether the last was small
+    steps, converged : how many steps the smoother has taken, those of earlier solutions included, and whether the last
+        was small
     moved_lag : s added to the stamps of the fixes; the whole lag is that and LAG
     """
 
