@@ -201,7 +201,7 @@ class LiveMap:
             state = knots_of(state, slice(0, max(same, 1) - 1))
         try:
             solved = smoother.solve(continued(smoother, state), held.noise, "tls")
-            found = with_stops_in_silence(with_covariances(smoother, solved))
+            found = with_stops_in_silence(smoother, solved)
         except np.linalg.LinAlgError:
             self.held = self.guess = None
             self.awaits = "a new start: the last minutes did not determine the way"
@@ -222,7 +222,8 @@ class LiveMap:
         k = int(may[-1])
         first = slice(0, k)
         smoother = Smoother(part_of(found.smoother.drive, first), found.smoother.model, found.smoother.arrival)
-        smoother.datum, smoother.moved_lag = found.smoother.datum, found.solved.moved_lag
+        smoother.datum = found.smoother.datum
+        smoother.move_stamps(found.solved.moved_lag - smoother.moved_lag)
         smoother.believe(found.smoother.still[: len(smoother.still)])
         try:
             part = with_covariances(smoother, smoother.about(knots_of(found.solved.state, first), found.solved.noise))

@@ -180,10 +180,11 @@ def _inverse_upper(u: Floats) -> Floats:
     return inverse
 
 
-def marginals(inverse: Inverse) -> Floats:
-    """Covariance of every knot, (N, b, b)."""
-    moved = inverse.sensitivity @ inverse.covariance_global
-    return np.asarray(inverse.conditional + moved @ inverse.sensitivity.swapaxes(1, 2))
+def marginals(inverse: Inverse, knots: NDArray[np.intp] | slice = slice(None)) -> Floats:
+    """Covariance of every knot, or of some, (N, b, b)."""
+    sensitivity = inverse.sensitivity[knots]
+    moved = sensitivity @ inverse.covariance_global
+    return np.asarray(inverse.conditional[knots] + moved @ sensitivity.swapaxes(1, 2))
 
 
 def cross_covariances(inverse: Inverse) -> Floats:

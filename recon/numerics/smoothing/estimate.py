@@ -75,45 +75,47 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
-    return with_stops_in_silence(with_covariances(smoother, solved))
+    return with_stops_in_silence(smoother, solved)
 
 
-def with_stops_in_silence(found: Estimate) -> Estimate:
-    """The same drive with the stops that no fix tells: those of which the trajectory leaves no doubt, and then, if the
-    IMU may decide alone, those that it does not contradict. Raises numpy.linalg.LinAlgError.
+def with_stops_in_silence(smoother: Smoother, solved: Solved) -> Estimate:
+    """A solution that the smoother found last, with the stops that no fix tells: those of which the trajectory leaves
+    no doubt, and then, if the IMU may decide alone, those that it does not contradict. Raises LinAlgError.
     """
-    smoother = found.smoother
+    inverse = selected_inverse(solved.system, solved.solution)
     for _ in range(_MOST_ROUNDS):
-        standing = _standing(found, SLOW)
+        standing = _standing(smoother, solved, inverse, SLOW)
         if smoother.alone and not standing.any():
-            standing = _standing(found, np.inf)
+            standing = _standing(smoother, solved, inverse, np.inf)
         if not standing.any():
             break
         smoother.believe(standing)
-        again = smoother.solve(found.solved.state, found.solved.noise, "tls", resumed=True)
-        found = with_covariances(smoother, again)
-    return found
+        solved = smoother.solve(solved.state, solved.noise, "tls", resumed=True)
+        inverse = selected_inverse(solved.system, solved.solution)
+    return _with_covariances(smoother, solved, inverse)
 
 
-def _standing(found: Estimate, highest: float) -> Mask:
+def _standing(smoother: Smoother, solved: Solved, inverse: Inverse, highest: float) -> Mask:
     """Quiet stretches without fixes whose speed is none for all that is known, and less than the highest: (B,) blocks.
 
     highest : m/s; that of a queue, unless the IMU may decide where the trajectory cannot
     """
-    smoother = found.smoother
     t_s, knots = smoother.blocks.t_s, smoother.drive.samples.knot_times
     standing = np.zeros(len(t_s), dtype=bool)
     for first, stop in runs(smoother.quiet):
         k = np.flatnonzero((knots > t_s[first]) & (knots < t_s[stop - 1]))
-        speed = np.sqrt((found.solved.state.vel_n[:, k] ** 2).sum(axis=0))
-        doubt = _SURE * np.sqrt(np.linalg.eigvalsh(found.covariance[k][:, VELOCITY, VELOCITY])[:, -1])
+        speed = np.sqrt((solved.state.vel_n[:, k] ** 2).sum(axis=0))
+        doubt = _SURE * np.sqrt(np.linalg.eigvalsh(marginals(inverse, k)[:, VELOCITY, VELOCITY])[:, -1])
         standing[first:stop] = len(k) > 0 and bool(((speed < doubt + _AT_REST) & (speed + doubt < highest)).all())
     return standing
 
 
 def with_covariances(smoother: Smoother, solved: Solved) -> Estimate:
     """A solution that the smoother found last, with its covariances."""
-    inverse = selected_inverse(solved.system, solved.solution)
+    return _with_covariances(smoother, solved, selected_inverse(solved.system, solved.solution))
+
+
+def _with_covariances(smoother: Smoother, solved: Solved, inverse: Inverse) -> Estimate:
     free = smoother.free
     common = np.zeros((COMMON_SIZE, COMMON_SIZE))
     common[np.ix_(free, free)] = solved.solution.covariance_global

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.smoothing.epochs import locate, place_epochs
-from recon.numerics.smoothing.estimate import Estimate, with_covariances, with_stops_in_silence
+from recon.numerics.smoothing.estimate import Estimate, with_stops_in_silence
 from recon.numerics.smoothing.lag import find_lag
 from recon.numerics.smoothing.measurements import Fixes, Measured, at_epochs, position_rows, velocity_rows
 from recon.numerics.smoothing.robust import cauchy_weights
@@ -297,4 +297,4 @@ def solved_with(found: Estimate, fixes: Fixes) -> Estimate:
     smoother = Smoother(replace(before.drive, fixes=fixes), before.model, moved_lag=found.solved.moved_lag)
     smoother.first_lag, smoother.datum = before.first_lag, before.datum
     again = smoother.solve(found.solved.state, found.solved.noise, "tls")
-    return with_stops_in_silence(with_covariances(smoother, again))
+    return with_stops_in_silence(smoother, again)
