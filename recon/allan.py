@@ -95,7 +95,7 @@ def _at_rest(t_s: Array, gyro: Array, accel: Array, gnss: pa.Table | None, start
         raise NotEnoughData("samples of an IMU", needed=f"{LEAST_S:g} s", found=str(error)) from error
     blocks = block_means(samples, max(1, round(_BLOCK_S / float(np.median(np.diff(t_s))))))
     if gnss is not None and has(gnss, "speed"):
-        still, _ = find_stops(blocks, seconds(gnss, since=start_ns), vector(gnss, "speed", gaps=True))
+        still = find_stops(blocks, seconds(gnss, since=start_ns), vector(gnss, "speed", gaps=True)).still
     else:
         still = _quiet(blocks)
     found = runs(still & blocks.measured)

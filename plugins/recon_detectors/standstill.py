@@ -73,7 +73,8 @@ def standstill(*, imu: pa.Table, gnss: pa.Table | None, params: StandstillParams
         notes.append(warning(f"no standstill: {error}"))
         return {"events": events([]), "metrics": metrics(notes)}
     blocks = block_means(samples, _samples_per_block(samples))
-    still, limits = find_stops(blocks, fix_t_s, fix_speed)
+    stops = find_stops(blocks, fix_t_s, fix_speed)
+    still, limits = stops.still, stops.limits
     spans = _spans(t_ns, samples, blocks, still, params.min_duration)
     if not len(spans):
         notes.append(warning("no standstill: nothing is both quiet and slow enough for certain"))

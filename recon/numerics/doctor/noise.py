@@ -29,7 +29,7 @@ def noise_class(
     code = "noise_class"
     if blocks is None:
         return unknown(code, "The IMU has too few rows to tell its noise.")
-    still, _ = find_stops(blocks, fix_t_s, fix_speed)
+    still = find_stops(blocks, fix_t_s, fix_speed).still
     gyro, accel = still_noise(blocks, still)
     if gyro is None or accel is None:
         return unknown(

@@ -58,7 +58,7 @@ class Solution:
 
     step : (N, b) x; step_global : (g,) y
     covariance_global : (g, g) S^-1
-    reduced : (N b, g) L^-1 B
+    reduced : (N b, g) L^-1 B, in the memory of a border that came in Fortran order
     log_determinant : of the whole matrix, log det A + log det S
     """
 

@@ -47,7 +47,7 @@ from recon.numerics.smoothing.soa import (
     skew,
 )
 
-_CHUNK = 20_000
+_CHUNK = 40_000
 """Samples worked on at a time: their arrays stay in the cache."""
 
 _PANELS = 50

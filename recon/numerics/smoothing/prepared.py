@@ -24,7 +24,6 @@ from recon.numerics.smoothing.stops import (
     Mask,
     block_means,
     find_stops,
-    quiet_in_silence,
     still_noise,
     still_spans,
 )
@@ -49,9 +48,8 @@ class Prepared:
         self.motion = motion = fix_motion(drive.fixes)
         self.moved_lag = self._first_lag() if moved_lag is None else moved_lag
         self.first_lag = self.moved_lag
-        self.still, limits = find_stops(self.blocks, motion[0] + self.moved_lag, motion[1], in_silence=False)
-        self.alone = limits is not None and limits.alone
-        self.quiet = quiet_in_silence(self.blocks, motion[0] + self.moved_lag, motion[1], limits) & ~self.still
+        stops = find_stops(self.blocks, motion[0] + self.moved_lag, motion[1])
+        self.still, self.quiet, self.alone = stops.told, stops.quiet & ~stops.told, stops.alone
         self.still_noise = still_noise(self.blocks, self.still)
         knots = samples.knot_times
         self.length = np.diff(knots)

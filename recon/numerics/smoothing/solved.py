@@ -22,7 +22,7 @@ class Solved:
     """The solution, and the linear system at it.
 
     epochs, inside, ends, increments : of the last linearisation; ends anew, for the solution
-    system, solution : factor of the knots, and the last step; the factor stays good until the smoother solves again
+    system, solution : factor of the knots, and the last step; both stay good until the smoother solves again
     pos_weight, vel_weight : (E,) robust weights of the fixes at the epochs
     pos_residual, vel_residual : (3, E) in sigmas, before the robust weight
     steps, converged : how many steps the smoother has taken, those of earlier solutions included, and whether the last

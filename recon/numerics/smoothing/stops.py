@@ -102,6 +102,30 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Stops:
+    """Where the vehicle stands: (B,) blocks.
+
+    told : it does, by fixes, or by the IMU of a log without any speed; quiet : these, and those far from any fix, and
+        between these and slow ones, that look as quiet
+    limits : None where nothing is known to stand
+    """
+
+    told: Mask
+    quiet: Mask
+    limits: Limits | None
+
+    @property
+    def alone(self) -> bool:
+        """Does the IMU decide where no fix is near?"""
+        return self.limits is not None and self.limits.alone
+
+    @property
+    def still(self) -> Mask:
+        """Where it stands for all that fixes tell and the IMU may decide: (B,)."""
+        return self.quiet if self.alone else self.told
+
+
+@dataclass(frozen=True)
 class _Windows:
     """A window of 1 s about each block.
 
@@ -147,46 +171,27 @@ def block_means(samples: Samples, size: int) -> Blocks:
     )
 
 
-def still_blocks(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> Mask:
-    """Blocks in which the vehicle stands: (B,).
+def find_stops(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> Stops:
+    """Where the vehicle stands.
 
     fix_t_s : (f,) s, rising; fix_speed : (f,) m/s over ground. Both may be empty
     """
-    return find_stops(blocks, fix_t_s, fix_speed)[0]
-
-
-def find_stops(
-    blocks: Blocks, fix_t_s: Floats, fix_speed: Floats, in_silence: bool = True
-) -> tuple[Mask, Limits | None]:
-    """As `still_blocks`, and the limits; None where nothing is known to stand.
-
-    in_silence : also where there are fixes and none is near, if the IMU may decide alone
-    """
     nothing = np.zeros(len(blocks.t_s), dtype=bool)
     if len(blocks.t_s) < 2 or len(blocks.t_s) * blocks.duration < FEWEST:
-        return nothing, None
+        return Stops(nothing, nothing, None)
     windows = _windows(blocks, fix_t_s, fix_speed)
     heard = bool(np.isfinite(windows.speed).any())
     limits = _limits(windows) if heard else _limits_without_speed(windows)
     if limits is None:
-        return nothing, None
-    alone = limits.alone and (in_silence or not heard)
-    allowed = np.where(np.isnan(windows.speed), alone, windows.speed <= limits.speed)
+        return Stops(nothing, nothing, None)
+    quiet = _standing(windows, ~(windows.speed > limits.speed), limits)
+    return Stops(_standing(windows, windows.speed <= limits.speed, limits) if heard else quiet, quiet, limits)
+
+
+def _standing(windows: _Windows, allowed: Mask, limits: Limits) -> Mask:
+    """Blocks whose windows are all quiet and allowed, and whose fixes do not creep."""
     still = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
-    return _without_creep(still, windows.speed, limits), limits
-
-
-def quiet_in_silence(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats, limits: Limits | None) -> Mask:
-    """Blocks far from any fix, and between these and slow ones, that look as quiet as a standing vehicle: (B,).
-
-    limits : those that `find_stops` found of the same
-    """
-    if limits is None:
-        return np.zeros(len(blocks.t_s), dtype=bool)
-    windows = _windows(blocks, fix_t_s, fix_speed)
-    allowed = ~(windows.speed > limits.speed)
-    quiet = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
-    return _without_creep(quiet, windows.speed, limits)
+    return _without_creep(still, windows.speed, limits)
 
 
 def _without_creep(still: Mask, speed: Floats, limits: Limits) -> Mask:
@@ -263,7 +268,7 @@ def _windows(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> _Windows:
 
 
 def _speed_near(t_s: Floats, fix_t_s: Floats, fix_speed: Floats) -> Floats:
-    """Speed between fixes or of the nearest one, NaN where none is near. Arguments as in `still_blocks`."""
+    """Speed between fixes or of the nearest one, NaN where none is near. Arguments as in `find_stops`."""
     known = np.isfinite(fix_speed)
     fix_t_s, fix_speed = fix_t_s[known], fix_speed[known]
     if not len(fix_t_s):

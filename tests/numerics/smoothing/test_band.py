@@ -127,13 +127,19 @@ def test_what_stands_below_the_diagonal_is_not_read() -> None:
     assert (solved(plain)[1].step == solved(marred)[1].step).all()
 
 
-def test_the_right_sides_are_left_as_they_are() -> None:
+def test_the_border_is_solved_in_its_own_memory_and_the_corner_left_as_it_is() -> None:
     system = chain(5)
     border, corner = np.asfortranarray(system.border), system.corner.copy()
-    made = factor(system.buffer, KNOTS, SIZE)
-    solve_bordered(made, border, corner)
-    assert (border == system.border).all()
+    found = solve_bordered(factor(system.buffer, KNOTS, SIZE), border, corner)
+    assert np.shares_memory(found.reduced, border)
     assert (corner == system.corner).all()
+
+
+def test_a_border_in_rows_is_left_as_it_is() -> None:
+    system = chain(5)
+    border = np.ascontiguousarray(system.border)
+    solve_bordered(factor(system.buffer, KNOTS, SIZE), border, system.corner)
+    assert (border == system.border).all()
 
 
 @pytest.mark.parametrize("knot", [0, 3, 6])

@@ -15,8 +15,6 @@ from recon.numerics.smoothing.stops import (
     Mask,
     block_means,
     find_stops,
-    quiet_in_silence,
-    still_blocks,
     still_noise,
     still_spans,
 )
@@ -73,7 +71,7 @@ def found(case: Case) -> tuple[Mask, Mask]:
     """Blocks called still, and blocks that are."""
     blocks = block_means(case.samples, BLOCK)
     standing = case.speed[: len(blocks.t_s) * BLOCK].reshape(-1, BLOCK).max(axis=1) == 0
-    return still_blocks(blocks, case.fix_t_s, case.fix_speed), standing
+    return find_stops(blocks, case.fix_t_s, case.fix_speed).still, standing
 
 
 TOWN = ((30.0, 0.0), (60.0, 12.0), (20.0, 0.0), (60.0, 14.0), (20.0, 0.0), (60.0, 9.0))
@@ -201,10 +199,11 @@ def test_a_log_of_next_to_nothing_has_no_stop(count: int) -> None:
     t_s = np.arange(count) / RATE_HZ
     zero = np.zeros((count, 3))
     samples = Samples(t_s, zero, zero, np.zeros(count - 1, dtype=bool), np.arange(count), 200)
-    still, limits = find_stops(block_means(samples, BLOCK), np.array([0.5]), np.array([0.0]))
-    assert len(still) == count // BLOCK
-    assert not still.any()
-    assert limits is None
+    stops = find_stops(block_means(samples, BLOCK), np.array([0.5]), np.array([0.0]))
+    assert len(stops.still) == count // BLOCK
+    assert not stops.still.any()
+    assert not stops.quiet.any()
+    assert stops.limits is None
 
 
 def test_what_was_filled_in_is_not_still() -> None:
@@ -212,7 +211,7 @@ def test_what_was_filled_in_is_not_still() -> None:
     kept = (case.samples.t_s < 50.0) | (case.samples.t_s > 58.0)
     samples = regular_samples(*(y[kept] for y in (case.samples.t_s, case.samples.gyro_s, case.samples.accel_s)))
     blocks = block_means(samples, BLOCK)
-    still = still_blocks(blocks, case.fix_t_s, case.fix_speed)
+    still = find_stops(blocks, case.fix_t_s, case.fix_speed).still
     inside = (blocks.t_s > 50.0) & (blocks.t_s < 58.0)
     assert inside.sum() > 10
     assert not blocks.measured[inside].any()
@@ -263,7 +262,7 @@ def test_a_span_is_still_if_all_blocks_that_touch_it_are() -> None:
 def test_the_noise_in_stops_is_that_of_the_sensors() -> None:
     case = drive((400.0, 0.0), (100.0, 10.0))
     blocks = block_means(case.samples, BLOCK)
-    gyro, accel = still_noise(blocks, still_blocks(blocks, case.fix_t_s, case.fix_speed))
+    gyro, accel = still_noise(blocks, find_stops(blocks, case.fix_t_s, case.fix_speed).still)
     # Overlapping Allan variance of white noise over 1 s of 400 s: 1.5 * 400 degrees of freedom, times three axes, so
     # 1.7 % sigma of the density; four of them.
     assert gyro == pytest.approx(GYRO_NOISE, rel=0.07)
@@ -283,11 +282,9 @@ def test_what_is_quiet_far_from_fixes_waits_for_a_trajectory_that_tells_its_spee
     soft = (np.radians(0.15), 0.05)
     case = drive((30.0, 0.0), (60.0, 12.0), (20.0, 0.0), QUEUE, (60.0, 14.0), road=soft).without_fixes(85.0, 145.0)
     blocks = block_means(case.samples, BLOCK)
-    given = blocks, case.fix_t_s, case.fix_speed
-    still, limits = find_stops(*given)
-    quiet = quiet_in_silence(*given, limits)
-    assert quiet[still].all()
+    stops = find_stops(blocks, case.fix_t_s, case.fix_speed)
+    quiet = stops.quiet
+    assert quiet[stops.told].all()
     assert quiet[930:1070].all()  # it stands from 90 to 110 s
     assert quiet[1120:1280].any()  # and creeps from 110 to 130 s
     assert not quiet[1400:].any()  # and drives on, first without fixes
-    assert not quiet_in_silence(*given, None).any()
