@@ -17,7 +17,7 @@ import numpy as np
 
 from recon.numerics.signals import runs
 from recon.numerics.smoothing.alignment import flip_needed
-from recon.numerics.smoothing.band import Inverse, global_covariances, marginals, selected_inverse
+from recon.numerics.smoothing.band import Inverse, global_covariances, marginals
 from recon.numerics.smoothing.earth import level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, lasting_drift, likely_noise
@@ -66,57 +66,60 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     state, near = start_state(smoother), False
     if learn_noise:
         noise, state, near = _learnt(smoother, state, noise)
-    solved = _without_outliers(smoother, state, noise, near)
+    rough = bool(smoother.quiet.any())
+    solved = _without_outliers(smoother, state, noise, near, rough)
     lasts = lasting_drift(smoother, solved) if learn_noise else 1.0
     if lasts > _WORTH_IT:
         noise = replace(noise, drift=noise.drift * lasts)
         solved = smoother.solve(solved.state, noise, "tls", resumed=True)
+        rough = False
     if model.mounting is None and flip_needed(forward_speed(solved.state)):
         turned = np.diag([-1.0, -1.0, 1.0])
         smoother.datum = smoother.datum.mounted(turned @ smoother.datum.rot_vs)
         solved = smoother.solve(replace(solved.state, rot_vs=turned @ solved.state.rot_vs), noise, "tls")
-    return with_stops_in_silence(smoother, solved)
+        rough = False
+    return with_stops_in_silence(smoother, solved, rough)
 
 
-def with_stops_in_silence(smoother: Smoother, solved: Solved) -> Estimate:
+def with_stops_in_silence(smoother: Smoother, solved: Solved, rough: bool = False) -> Estimate:
     """A solution that the smoother found last, with the stops that no fix tells: those of which the trajectory leaves
     no doubt, and then, if the IMU may decide alone, those that it does not contradict. Raises LinAlgError.
+
+    rough : the solution has not settled yet, which it need not do before it has them
     """
-    inverse = selected_inverse(solved.system, solved.solution)
     for _ in range(_MOST_ROUNDS):
-        standing = _standing(smoother, solved, inverse, SLOW)
+        standing = _standing(smoother, solved, SLOW)
         if smoother.alone and not standing.any():
-            standing = _standing(smoother, solved, inverse, np.inf)
-        if not standing.any():
+            standing = _standing(smoother, solved, np.inf)
+        if standing.any():
+            smoother.believe(standing)
+        elif not rough:
             break
-        smoother.believe(standing)
         solved = smoother.solve(solved.state, solved.noise, "tls", resumed=True)
-        inverse = selected_inverse(solved.system, solved.solution)
-    return _with_covariances(smoother, solved, inverse)
+        rough = False
+    return with_covariances(smoother, solved)
 
 
-def _standing(smoother: Smoother, solved: Solved, inverse: Inverse, highest: float) -> Mask:
+def _standing(smoother: Smoother, solved: Solved, highest: float) -> Mask:
     """Quiet stretches without fixes whose speed is none for all that is known, and less than the highest: (B,) blocks.
 
     highest : m/s; that of a queue, unless the IMU may decide where the trajectory cannot
     """
     t_s, knots = smoother.blocks.t_s, smoother.drive.samples.knot_times
+    speed = np.sqrt((solved.state.vel_n**2).sum(axis=0))
     standing = np.zeros(len(t_s), dtype=bool)
     for first, stop in runs(smoother.quiet):
         k = np.flatnonzero((knots > t_s[first]) & (knots < t_s[stop - 1]))
-        speed = np.sqrt((solved.state.vel_n[:, k] ** 2).sum(axis=0))
-        doubt = _SURE * np.sqrt(np.linalg.eigvalsh(marginals(inverse, k)[:, VELOCITY, VELOCITY])[:, -1])
-        standing[first:stop] = len(k) > 0 and bool(((speed < doubt + _AT_REST) & (speed + doubt < highest)).all())
+        if not len(k) or speed[k].max() >= highest:
+            continue
+        doubt = _SURE * np.sqrt(np.linalg.eigvalsh(marginals(solved.inverse, k)[:, VELOCITY, VELOCITY])[:, -1])
+        standing[first:stop] = bool(((speed[k] < doubt + _AT_REST) & (speed[k] + doubt < highest)).all())
     return standing
 
 
 def with_covariances(smoother: Smoother, solved: Solved) -> Estimate:
     """A solution that the smoother found last, with its covariances."""
-    return _with_covariances(smoother, solved, selected_inverse(solved.system, solved.solution))
-
-
-def _with_covariances(smoother: Smoother, solved: Solved, inverse: Inverse) -> Estimate:
-    free = smoother.free
+    inverse, free = solved.inverse, smoother.free
     common = np.zeros((COMMON_SIZE, COMMON_SIZE))
     common[np.ix_(free, free)] = solved.solution.covariance_global
     cross = np.zeros((solved.state.knots, KNOT_SIZE, COMMON_SIZE))
@@ -124,14 +127,14 @@ def _with_covariances(smoother: Smoother, solved: Solved, inverse: Inverse) -> E
     return Estimate(smoother, solved, inverse, marginals(inverse), common, cross)
 
 
-def _without_outliers(smoother: Smoother, start: State, noise: Noise, near: bool) -> Solved:
+def _without_outliers(smoother: Smoother, start: State, noise: Noise, near: bool, rough: bool) -> Solved:
     """Truncated least squares from a fair start; where that puts much aside, or fails, from Cauchy's solution.
 
-    near : the start is Cauchy's solution with much the same noise
+    near : the start is Cauchy's solution with much the same noise; rough : it need not settle
     """
     try:
-        solved = smoother.solve(start, noise, "tls", resumed=near)
-        if solved.converged and solved.rejected < _MOST_REJECTED:
+        solved = smoother.solve(start, noise, "tls", resumed=near, rough=rough)
+        if (solved.converged or rough) and solved.rejected < _MOST_REJECTED:
             return solved
     except np.linalg.LinAlgError:
         pass

@@ -34,7 +34,8 @@ from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, LAG, POSITION
 MOST_STEPS: Final = 30
 _FEWEST_STEPS: Final = 4
 """From a start in closed form: outliers are told apart while it converges."""
-_SHARP: Final = 30.0
+_SHARP: Final = 10.0
+"""From here on weights are 0 or 1 but where the square of a residual is within a tenth of the limit."""
 _SMALL_TURN: Final = 1e-3
 _SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
 """rad and m; steps shrink thirty- to hundredfold, so the one after these is below 0.1 mm. Where weights still creep
@@ -66,10 +67,11 @@ class Smoother(Equations):
         self._increments = increments
         self.steps = 0
 
-    def solve(self, state: State, noise: Noise, loss: Loss, resumed: bool = False) -> Solved:
+    def solve(self, state: State, noise: Noise, loss: Loss, resumed: bool = False, rough: bool = False) -> Solved:
         """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution.
 
         resumed : the state is that of an earlier solution, whose residuals tell outliers from the first step on
+        rough : outliers told apart are enough
         """
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
         made = self._integrated(state, noise)
@@ -93,7 +95,7 @@ class Smoother(Equations):
             sharp = loss == "cauchy" or (sharpness is not None and min(sharpness) > _SHARP)
             settled = count >= _FEWEST_STEPS and sharp and damping == 0.0 and not _stale(state, made.increments)
             done = settled and _small(solution, loss)
-            if done:
+            if done or (settled and rough):
                 break
         return self._solved(state, noise, gravity, made, here, system, solution, done)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from recon.numerics.smoothing.band import Factor, Solution
+from recon.numerics.smoothing.band import Factor, Inverse, Solution, selected_inverse
 from recon.numerics.smoothing.epochs import Epochs, Inside, Misclosure
 from recon.numerics.smoothing.measurements import Measured
 from recon.numerics.smoothing.model import Noise
@@ -45,6 +46,11 @@ class Solved:
     steps: int
     converged: bool
     moved_lag: float
+
+    @cached_property
+    def inverse(self) -> Inverse:
+        """What the covariances follow from, first asked for before the smoother solves again."""
+        return selected_inverse(self.system, self.solution)
 
     @property
     def rejected(self) -> float:
