@@ -14,7 +14,7 @@ from recon import RESIDUALS, TRAJECTORY, Array, Event, build, meta, time_ns, wit
 from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, between_knots, full_rate, geodetic, sigmas
-from recon.numerics.smoothing.soa import matrix_to_quat, quat_multiply
+from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import ACCEL_SCALE, DRIFT, GYRO_SCALE, LAG, LEVER, MOUNT, POSITION, VELOCITY
 
 _STANDARD_FACTS: Final = ("time_scale", "clock")
@@ -37,12 +37,10 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
         kept = kept[_thinned(samples.t_s[kept], rate_hz)]
     motion = full_rate(state, solved.ends, solved.increments, samples, drive.anchor)
     deviation = between_knots(sigmas(found), motion.u, samples.per_interval)
-    q_sv = matrix_to_quat(state.rot_vs.T[..., None])
-    q_lv = quat_multiply(motion.q_ls, q_sv)
-    force_v, rate_v = _felt(found)
-    gravity = np.sqrt((found.solved.ends.gravity_n[:, :1] ** 2).sum())
+    accel_v, rate_v = _felt(found)
+    accel_v -= np.sqrt((solved.ends.gravity_n[:, :1] ** 2).sum()) * _up(motion.q_lv)
     columns = {
-        "pos": motion.pos_n, "vel": motion.vel_l, "q": q_lv, "accel": force_v - gravity * _up(q_lv), "gyro": rate_v,
+        "pos": motion.pos_n, "vel": motion.vel_l, "q": motion.q_lv, "accel": accel_v, "gyro": rate_v,
         "pos_std": deviation[:3], "vel_std": deviation[3:6], "att_std": deviation[6:],
     }  # fmt: skip
     if len(kept) < len(samples.row):

@@ -28,12 +28,12 @@ _CHUNK = 128
 
 @dataclass(frozen=True)
 class Motion:
-    """At the n + 1 samples: q_ls (4, n+1) sensor to local level, vel_l (3, n+1) m/s, pos_n (3, n+1) m, of the IMU.
+    """At the n + 1 samples: q_lv (4, n+1) vehicle to local level, vel_l (3, n+1) m/s, pos_n (3, n+1) m, of the IMU.
 
     u : (n,) share of the interval, of all but the last sample
     """
 
-    q_ls: Floats
+    q_lv: Floats
     vel_l: Floats
     pos_n: Floats
     u: Floats
@@ -56,10 +56,11 @@ def full_rate(state: State, ends: Misclosure, increments: Increments, samples: S
     ]
     pos_n = [state.pos_n[:, :-1], vel * length, 0.5 * pull * length + ends.square, ends.cube]
     to_level, to_n = mm(level, state.rot_ns[..., :-1]), state.rot_ns[..., :-1]
+    q_sv = matrix_to_quat(state.rot_vs.T[..., None])
     n = count * m
     out = Motion(np.empty((4, n + 1)), np.empty((3, n + 1)), np.empty((3, n + 1)), np.empty(n))
     last = rot_ln[..., -1]
-    out.q_ls[:, n] = matrix_to_quat((last @ state.rot_ns[..., -1])[..., None])[:, 0]
+    out.q_lv[:, n] = matrix_to_quat((last @ state.rot_ns[..., -1] @ state.rot_vs.T)[..., None])[:, 0]
     out.vel_l[:, n], out.pos_n[:, n] = last @ state.vel_n[:, -1], state.pos_n[:, -1]
     for start in range(0, count, _CHUNK):
         k = slice(start, min(count, start + _CHUNK))
@@ -67,7 +68,8 @@ def full_rate(state: State, ends: Misclosure, increments: Increments, samples: S
         shape = (k.stop - k.start, m)
         u = (samples.t_s[i].reshape(shape) - knots[k, None]) / length[k, None]
         out.u[i] = u.reshape(-1)
-        out.q_ls[:, i] = quat_multiply(_horner(q, k, u), increments.q[:, i].reshape(4, *shape)).reshape(4, -1)
+        q_ls = quat_multiply(_horner(q, k, u), increments.q[:, i].reshape(4, *shape)).reshape(4, -1)
+        out.q_lv[:, i] = quat_multiply(q_ls, q_sv)
         vel_k = np.einsum("ijk,jkm->ikm", to_level[..., k], increments.dv[:, i].reshape(3, *shape))
         out.vel_l[:, i] = (_horner(vel_l, k, u) + vel_k).reshape(3, -1)
         pos_k = np.einsum("ijk,jkm->ikm", to_n[..., k], increments.dp[:, i].reshape(3, *shape))
