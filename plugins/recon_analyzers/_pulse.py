@@ -138,8 +138,17 @@ def pulse_at(motion: Motion, zero_ns: int, imu: pa.Table | None, events: pa.Tabl
 
 
 def _on_grid(grid: Array, t_s: Array, y: Array, step_s: float, every: int) -> Array:
-    """Interpolated at the times of a grid (m,); where that is coarser, means over its steps."""
+    """Interpolated at the times of a grid (m,); where that is coarser, means over its steps.
+
+    By cubic splines, for lines between samples take up to an eighth off what swings with a sixth of the rate; by lines
+    where a step is not between half and twice the usual one, as splines overshoot over gaps and jitter.
+    """
     if every == 1:
+        steps = np.diff(t_s) / step_s
+        if steps.min() > 0.5 and steps.max() < 2.0:
+            from scipy.interpolate import CubicSpline  # slow import: only when used
+
+            return np.asarray(CubicSpline(t_s, y)(grid))
         return np.stack([np.interp(grid, t_s, axis) for axis in y.T], axis=1)
     area = np.zeros_like(y)
     np.cumsum(0.5 * np.diff(t_s)[:, None] * (y[1:] + y[:-1]), axis=0, out=area[1:])

@@ -239,7 +239,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=4,
+        version=5,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -72,6 +72,23 @@ def test_with_several_impacts_the_severest_is_told_and_all_are_listed() -> None:
     assert rows_by_name(found)["impacts"]["value"] == 2.0
 
 
+def test_a_peak_is_told_whole_whose_samples_come_a_little_unevenly() -> None:
+    """As of a box whose steps are 2.0 to 2.9 ms: what it felt is known at its times, and CFC 60 wants even ones."""
+    even_s = pulses.times(2000.0)
+
+    def felt(t_s: Array) -> Array:
+        accel = pulses.crash(t_s, (-6.0, 0.0), 0.1)
+        accel[:, 2] += 40.0 * pulses.pulse(t_s, pulses.ZERO_S, 0.1) * 0.05 * np.sin(2.0 * np.pi * 65.0 * t_s)
+        return accel
+
+    steps_s = np.random.default_rng(1).uniform(2.0e-3, 2.8e-3, round(pulses.LENGTH_S / 2.4e-3))
+    uneven_s = np.cumsum(steps_s)
+    wanted, told = (
+        rows_by_name(analyzed(t_s, felt(t_s)))["accel_peak_cfc60_magnitude"]["value"] for t_s in (even_s, uneven_s)
+    )
+    assert told == pytest.approx(wanted, rel=2e-3)
+
+
 def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
     t_s = pulses.times(1000.0)
     accel = pulses.noisy(pulses.crash(t_s, (-15.0, 0.0)))
