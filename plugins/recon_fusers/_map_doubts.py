@@ -26,6 +26,8 @@ _LARGE_NOISE: Final = {"gyro": 50.0, "accel": 50.0, "gyro_walk": 100.0, "accel_w
 """Times what was expected of the IMU, beyond which it is the model that does not fit: a rough road makes thirty."""
 _MOST_NOISE: Final = 300.0
 """The same of the white noise, beyond which hardly anything is left of what the IMU says."""
+_SLIDING: Final = 0.1
+"""m/s across the track of the wheels, mean of a second: cars show 0.01 to 0.05, a box that turns in its mount more."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
@@ -52,6 +54,11 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
     notes += _misfit_of_imu(solved.noise, expected)
+    if found.smoother.model.wheels and solved.noise.sideways > _SLIDING:
+        notes.append(
+            f"the wheels seem to slide sideways by {solved.noise.sideways:.2f} m/s in the mean of a second, where 0.05 "
+            "is much: take care of heading and mounting; has the box turned in its mount? does it roll on wheels?"
+        )
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
 
 
