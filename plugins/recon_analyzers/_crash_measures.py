@@ -55,7 +55,8 @@ def measures(accel: Array, yaw_rate: Array, *, pulse: Pulse, ahead: float) -> di
 def time_of_max(pulse: Pulse, doubt: Doubt) -> Uncertain:
     """When the horizontal delta-V is largest, s after time zero.
 
-    The interval has every time whose delta-V may be the largest, for where it hardly changes errors decide.
+    The interval has every time whose delta-V may be the largest, for where it hardly changes errors decide; it does not
+    reach behind the time that is looked at.
     """
     times = fineness(pulse.step_s)
     gained = _gained(refined(pulse.accel[None], times)[:, pulse.lead * times :], pulse.step_s / times)[0]
@@ -68,7 +69,8 @@ def time_of_max(pulse: Pulse, doubt: Doubt) -> Uncertain:
     likely = t_s[size + NORMAL_95 * error >= size[at]]
     low, high = float(likely[0]) - NORMAL_95 * doubt.time, float(likely[-1]) + NORMAL_95 * doubt.time
     sigma = (high - low) / (2.0 * NORMAL_95)
-    return Uncertain(float(t_s[at]), sigma, max(low, 0.0), high, {"a flat delta-V": sigma, "timing": doubt.time}, False)
+    low, high = max(low, 0.0), min(high, max(OLDEST_DELTA_V_S, float(t_s[at])))
+    return Uncertain(float(t_s[at]), sigma, low, high, {"a flat delta-V": sigma, "timing": doubt.time}, False)
 
 
 def _gained(after: Array, step_s: float) -> Array:

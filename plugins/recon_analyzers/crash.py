@@ -86,6 +86,8 @@ _ALONG: Final[Mapping[str, tuple[str, ...]]] = {
     "accel_y": ("delta_v_lat_max", "pdof", "oiv_lat"),
 }
 """What cannot be told where an axis was not measured."""
+_UPRIGHT: Final = ("accel_peak_cfc60_magnitude", "asi_1998", "asi_2010")
+"""What has the vertical axis in it."""
 
 
 class CrashParams(PulseParams):
@@ -137,8 +139,8 @@ def _told(pulse: Pulse, doubt: Doubt, motion: Motion, params: CrashParams) -> di
     numbers = propagate(pulse, doubt, partial(measures, pulse=pulse, ahead=params.head_ahead), angles=("pdof",))
     numbers["time_of_max"] = time_of_max(pulse, doubt)
     for name in _SIZES:
-        if numbers[name].value < _TOLD * _sigma_unclipped(numbers[name]):
-            numbers[name] = replace(numbers[name], low=0.0)
+        known = numbers[name].value >= _TOLD * _sigma_unclipped(numbers[name])
+        numbers[name] = replace(numbers[name], low=max(numbers[name].low, 0.0) if known else 0.0)
     unknown = {name for axis, names in _ALONG.items() if axis in motion.unmeasured for name in names}
     return {n: value for n, value in numbers.items() if n not in unknown and (motion.directed or n in _UNDIRECTED)}
 
@@ -189,7 +191,18 @@ def _rows(numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
             note = why if found is None else "not reached while the log goes on"
             yield Metric(name, None, unit, method=method, note=note)
             continue
-        yield Metric(name, found.value, unit, found.sigma, found.low, found.high, method, _budget(found, name))
+        notes = [*_lacking(name, motion), _budget(found, name)]
+        yield Metric(
+            name, found.value, unit, found.sigma, found.low, found.high, method, "; ".join(filter(None, notes))
+        )
+
+
+def _lacking(name: str, motion: Motion) -> list[str]:
+    """That axes which a size or a time is made of were not measured, as its interval knows nothing of them."""
+    lacking = [axis for axis in motion.unmeasured if axis != "accel_z" or name in _UPRIGHT]
+    if not lacking or name not in (*_SIZES, "time_of_max"):
+        return []
+    return [f"{' and '.join(lacking)} not measured and counted as zero, also in the interval"]
 
 
 def _budget(found: Uncertain, name: str) -> str:
@@ -225,7 +238,7 @@ def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> I
         )
     if not motion.directed:
         yield warning("it is not known which way is forward: only sizes are told; turn imu into the vehicle first")
-    elif not motion.turning:
+    if not motion.turning:
         yield warning("there is no gyro: the vehicle is taken not to turn during the impact")
     if (len(pulse.accel) - pulse.lead) * pulse.step_s < OLDEST_DELTA_V_S:
         yield warning("the log ends within 300 ms of time zero: the largest delta-V may lie behind its end")

@@ -147,7 +147,8 @@ def _after(pulse: Pulse, known: Known, number: int, zero_ns: int, end_ns: int) -
         gained = [(_DELTA_V[axis], told[f"{_DELTA_V[axis].name} {i}"]) for axis in axes if axis < len(_DELTA_V)]
         rows += [_row(number, t, element, found.value, found.sigma) for element, found in gained]
         rows += [_row(number, t, ACCELERATIONS[axis], float(np.interp(t, own_s, force[:, axis]))) for axis in axes]
-    names = [name for axis, name in enumerate(("longitudinal", "lateral", "resultant")) if axis in axes or axis == 2]
+    needed = {"longitudinal": {0}, "lateral": {1}, "resultant": {0, 1}}
+    names = [name for name, own in needed.items() if own <= set(axes)]
     return rows, [metric for name in names for metric in _maximum(told, name, number)]
 
 

@@ -89,6 +89,14 @@ def test_a_peak_is_told_whole_whose_samples_come_a_little_unevenly() -> None:
     assert told == pytest.approx(wanted, rel=2e-3)
 
 
+def test_a_delta_v_that_still_grows_has_its_largest_at_the_end_of_what_is_looked_at() -> None:
+    t_s = pulses.times()
+    row = rows_by_name(analyzed(t_s, pulses.noisy(pulses.crash(t_s, (-15.0, 0.0), 0.5))))["time_of_max"]
+    assert row["value"] == pytest.approx(0.3, abs=1e-3)
+    assert row["low"] < row["value"] <= row["high"] == max(0.3, row["value"])
+    assert "perhaps behind the 300 ms looked at" in row["note"]
+
+
 def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
     t_s = pulses.times(1000.0)
     accel = pulses.noisy(pulses.crash(t_s, (-15.0, 0.0)))

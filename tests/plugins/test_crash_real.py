@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,12 @@ def test_the_barrier_test_changes_the_velocity_by_impact_and_rebound(barrier: re
         assert "not measured" in rows[across]["note"]
     assert -50.0 < rows["accel_peak_cfc60"]["value"] < -35.0
     assert rows["speed_before"]["value"] is None
+    for whole in ("delta_v_resultant_max", "accel_peak_cfc60_magnitude", "asi_2010", "thiv", "time_of_max"):
+        assert rows[whole]["note"].startswith("accel_y"), whole
+        assert "not measured and counted as zero" in rows[whole]["note"]
+    for upright in ("accel_peak_cfc60_magnitude", "thiv"):
+        assert ("accel_z" in rows[upright]["note"]) == (upright != "thiv" and name in ("imu_4", "imu_5"))
+    assert "not measured" not in rows["delta_v_long_max"]["note"]
 
 
 def test_an_axis_that_was_not_measured_is_named(barrier: recon.Recording) -> None:
@@ -207,6 +214,10 @@ def test_the_scooters_sensor_is_seen_to_clip_and_its_crash_has_bounds(logs: Path
     assert any("clipped" in text for text in warnings_of(found["metrics"]))
     size = next(row for row in found["metrics"].to_pylist() if row["name"] == "accel_peak_cfc60_magnitude")
     assert size["high"] > size["value"] + 1.0
+    lows = [float(re.findall(r"95 %: (\S+) to", row["note"])[0]) for row in found["events"].to_pylist()]
+    assert len(lows) == 4
+    assert min(lows) == 0.0  # noise and what was cut off reach further down, but no size is negative
+    assert any("there is no gyro" in text for text in warnings_of(found["metrics"]))
 
 
 @pytest.mark.parametrize("drive", ["comma2k19_example/seg40", "navego_canada/data"])

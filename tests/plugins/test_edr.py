@@ -51,6 +51,17 @@ def values(table: pa.Table, element: str) -> dict[float, float]:
     return {round(row["t"], 4): row["value"] for row in table.to_pylist() if row["element"] == element}
 
 
+def test_a_resultant_wants_both_of_its_axes(log: Streams) -> None:
+    """A trajectory has all axes; an imu that was turned into the vehicle may lack one."""
+    whole = log["trajectory"].select(["time", "accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z"])
+    aside = pa.nulls(whole.num_rows, pa.float64())
+    told = []
+    for imu in (whole, whole.set_column(2, whole.schema.field("accel_y"), aside)):
+        rows = analyzed({**log, "trajectory": None, "imu": imu})["metrics"].to_pylist()
+        told.append({row["name"] for row in rows if row["name"].startswith("edr_maximum")})
+    assert told[0] - told[1] == {"edr_maximum_delta_v_lateral", "edr_maximum_delta_v_resultant"}
+
+
 def test_the_speed_before_is_told_at_the_times_of_the_rule(log: Streams) -> None:
     speed = values(analyzed(log)["edr_pre_crash"], SPEED)
     assert sorted(speed) == [i / 2 for i in range(-10, 1)]
