@@ -261,3 +261,17 @@ def test_a_heading_that_is_not_found_again_after_the_imu_was_silent_is_a_doubt(s
     notes = warnings_of(fused(drive("city", seed=6211, duration=300.0), edit)["metrics"])
     assert any("from 274 to 300 s the heading is hardly known" in note for note in notes) == lost
     assert lost or notes == []
+
+
+@pytest.mark.parametrize("seed", [6200, 6201, 6206])
+def test_a_heading_that_nothing_tells_keeps_no_drive_from_converging(seed):
+    def edit(s):
+        t_s = seconds(s["imu"])
+        return {**s, "imu": select_rows(s["imu"], (t_s < 5.0) | (t_s > 25.0))}
+
+    streams = drive("city", seed=seed, duration=300.0)
+    result = fused(streams, edit)
+    (note,) = warnings_of(result["metrics"])
+    assert "from 0 to 5 s the heading is hardly known" in note
+    # As in the limits of drives without a gap, in the half of the drive that is far from it.
+    assert errors(streams, result).horizontal((150.0, 300.0)) < 1.6 * 2.1
