@@ -32,7 +32,6 @@ from recon.plan import Plan, PlannedStep
 from recon.problems import Problem, one_of
 from recon.recording import Recording
 from recon.registry import Registry
-from recon.rows import spans
 from recon.runner import Progress, Source, refuse_source, run_pipeline, silent
 from recon.stages import Exporter
 from recon.storage import STORES, read_recording, refuse_existing, staged_folder, write_recording
@@ -73,9 +72,7 @@ class Run:
 
     def summary(self) -> dict[str, float]:
         """distance m, duration s, top_speed m/s, stops, warnings; what the run does not tell is left out."""
-        found = summarize(self.recording.get("trajectory"), self.recording.get("gnss"))
-        if self.events is not None:
-            found["stops"] = len(spans(self.events, "standstill"))
+        found = summarize(self.recording.get("trajectory"), self.recording.get("gnss"), self.events)
         return {**found, "warnings": len(self.warnings)}
 
     @property

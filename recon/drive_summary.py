@@ -1,4 +1,4 @@
-"""Distance, duration and top speed of a drive: by its trajectory, or as far as GNSS alone tells them."""
+"""Distance, duration, top speed and stops of a drive: by its trajectory, or as far as GNSS alone tells them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from recon.rows import spans
 from recon.tables import has, known_rows, matrix, seconds, select_rows, vector
 from recon.trajectory import Trajectory
 
@@ -16,11 +17,20 @@ _MOSTLY: Final = 0.9
 """and for a distance at least this share of the time must be known."""
 
 
-def summarize(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:
-    """Distance in m, duration in s and top speed in m/s of a trajectory, or as far as GNSS alone tells them.
+def summarize(trajectory: pa.Table | None, gnss: pa.Table | None, happened: pa.Table | None = None) -> dict[str, float]:
+    """distance m, duration s and top_speed m/s of a trajectory, or as far as GNSS alone tells them, and stops.
 
-    Of rows that hold a position and a velocity; what nothing tells is left out.
+    Of rows that hold a position and a velocity; what nothing tells is left out: that no stop was found tells
+    nothing where nothing could look for one, as in accelerations alone.
+
+    happened : the events of the run
     """
+    found = _moved(trajectory, gnss)
+    stops = len(spans(happened, "standstill"))
+    return {**found, "stops": stops} if stops or (found and happened is not None) else found
+
+
+def _moved(trajectory: pa.Table | None, gnss: pa.Table | None) -> dict[str, float]:
     if trajectory is not None:
         found = Trajectory(select_rows(trajectory, known_rows(trajectory, "pos", "vel")))
         if len(found):

@@ -31,7 +31,6 @@ from recon.evaluation import evaluate
 from recon.manifest import RunInfo
 from recon.numerics.evaluation import statistics
 from recon.recording import Recording
-from recon.rows import spans
 from recon.schema import unnumbered
 from recon.tables import Array, has, meta, time_ns, vector
 from recon_exporters._panels import is_kind, kinds_of
@@ -93,10 +92,7 @@ def _versions(environment: Mapping[str, Any]) -> Json:
 
 def _summary(streams: Mapping[str, pa.Table], start: int, end: int) -> Json:
     found: Json = {"start": moment(start), "end": moment(end), "span": (end - start) * 1e-9}
-    found |= summarize(streams.get("trajectory"), streams.get("gnss"))
-    if "events" in streams:
-        found["stops"] = len(spans(streams["events"], "standstill"))
-    return found
+    return found | summarize(streams.get("trajectory"), streams.get("gnss"), streams.get("events"))
 
 
 def _sigmas(trajectory: pa.Table | None) -> Iterator[Json]:

@@ -8,6 +8,7 @@ import pytest
 
 from recon.drive_summary import summarize
 from recon.numerics.rotation import from_euler
+from recon.rows import Event, events
 from recon.schema import GNSS, TRAJECTORY
 from recon.tables import build, matrix, replace
 
@@ -39,3 +40,13 @@ def test_a_summary_comes_from_the_trajectory_else_from_gnss() -> None:
     assert summarize(replace(gap, pos=pos), None) == pytest.approx(found, rel=10.0 * EPS)
     silent = build(GNSS, time=START_NS + np.arange(3), speed=np.full(3, np.nan))
     assert summarize(replace(gap, pos=np.full_like(pos, np.nan)), silent) == {"duration": pytest.approx(2e-9)}
+
+
+def test_no_stops_are_told_where_nothing_could_look_for_one() -> None:
+    begin = START_NS + 2_000_000_000
+    nothing, crash, stop = (
+        events(found) for found in ([], [Event(begin, begin, "crash")], [Event(begin, begin + 9, "standstill")])
+    )
+    assert summarize(line(), None, nothing)["stops"] == summarize(line(), None, crash)["stops"] == 0
+    assert "stops" not in summarize(None, None, crash)
+    assert summarize(None, None, stop) == {"stops": 1}
