@@ -6,7 +6,8 @@
     acceleration, turn rate            in the vehicle: x forward, y left, z up (ISO 8855); without gravity
     sigma of position                  of the trajectory, east, north and up
     residuals                          value / sigma of each sensor and component, accepted or rejected
-    specific force, turn rates         as logged, where no stream says how the vehicle moved
+    specific force or acceleration, turn rates
+                                       as logged, where no stream says how the vehicle moved
 
 Streams count with their number: trajectory_2 is a second trajectory, under the name that its fact `run` gives.
 Headings are continuous across north. Rows without a number are left out, and no line joins rows beside a gap.
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from recon.numerics.rotation import to_euler
 from recon.schema import unnumbered
-from recon.tables import Array, has, matrix, meta, time_ns, vector
+from recon.tables import Array, has, matrix, meta, schema_of, time_ns, vector
 from recon_exporters._style import role_of_fixes
 from recon_exporters._words import words
 
@@ -221,12 +222,18 @@ def _sensor_panels(streams: Mapping[str, pa.Table]) -> Iterator[Panel]:
         if unnumbered(name) != "imu":
             continue
         for group, title, unit, size in (
-            ("accel", "Specific force, as logged", "m/s²", 1.0),
+            ("accel", f"{_felt(table)}, as logged", "m/s²", 1.0),
             ("gyro", "Turn rates, as logged", "°/s", np.degrees(1.0)),
         ):
             columns = [column for column in (f"{group}_{axis}" for axis in "xyz") if has(table, column)]
             curves = [_curve(c[-1], c[-1], table, size * vector(table, c, gaps=True)) for c in columns]
             yield Panel(f"{name}_{group}", f"{title} ({name})", unit, "sensors", list(_there(curves)))
+
+
+def _felt(table: pa.Table) -> str:
+    """What its accel is: gravity is in the one and not in the other."""
+    known = has(table, "accel_x") and schema_of(table)["accel_x"].quantity == "acceleration"
+    return "Acceleration" if known else "Specific force"
 
 
 def _residual_panels(residuals: pa.Table | None) -> Iterator[Panel]:
