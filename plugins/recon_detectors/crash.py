@@ -62,6 +62,10 @@ _LEAST_CLIPPED: Final = 1.2 * STANDARD_GRAVITY
 _CLIPPED_APART_S: Final = 0.05
 _LEAST_RATE: Final = 50.0
 """Hz; slower sampling may miss the pulse."""
+_LOOKED_AT_S: Final = 0.3
+"""From time zero on, in which 49 CFR 563 has the largest change of velocity."""
+_SILENT_STEPS: Final = 3.0
+"""Usual steps of the imu from which on a longer one is a silence."""
 KM_H: Final = 1.0 / 3.6
 
 
@@ -216,12 +220,26 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
             f"the impact {after:.1f} s after the start follows free fall, so the box fell and it counts as no crash; "
             "if the vehicle itself flew, set fall to none"
         )
+    silences_s = [_silence_s(t_ns, event) for event in crashes]
+    holed = [silence_s for silence_s in silences_s if silence_s * rate_hz > _SILENT_STEPS]
+    if holed:
+        yield warning(
+            f"{len(holed)} of {len(crashes)} crashes found have silences of the imu, of up to "
+            f"{1e3 * max(holed):.0f} ms: a line joins the samples beside them, and no interval knows what it felt there"
+        )
     hit = [e for e in clips if any(c.start_ns <= e.end_ns and e.start_ns <= c.end_ns for c in crashes)]
     if hit:
         yield warning(
             f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} "
             f"place{'s' * (len(hit) > 1)} during a crash: its size has bounds only"
         )
+
+
+def _silence_s(t_ns: NDArray[np.int64], crash: Event) -> float:
+    """The longest time without a row during a crash, and 300 ms at least, s."""
+    until_ns = max(crash.end_ns, crash.start_ns + round(_LOOKED_AT_S * 1e9))
+    first, last = np.searchsorted(t_ns, [crash.start_ns, until_ns])
+    return float(np.diff(t_ns[first : last + 1]).max(initial=0)) * 1e-9
 
 
 @hookimpl

@@ -41,6 +41,17 @@ def test_time_zero_is_where_the_first_08_km_h_in_20_ms_begin() -> None:
     assert end * 1e-9 == pytest.approx(pulses.ZERO_S + 0.1 + 0.0156, abs=0.004)
 
 
+def test_a_silence_of_the_imu_in_a_crash_is_told() -> None:
+    t_s = pulses.times()
+    accel = pulses.crash(t_s, (-12.0, 0.0), 0.1)
+    silent = (t_s > pulses.ZERO_S + 0.03) & (t_s < pulses.ZERO_S + 0.07)
+    (told,) = warnings_of(detected(t_s[~silent], accel[~silent])["metrics"])
+    assert "1 of 1 crashes found have silences of the imu, of up to 40 ms" in told
+    before = (t_s > pulses.ZERO_S - 0.5) & (t_s < pulses.ZERO_S - 0.4)
+    for kept in (~before, np.full(len(t_s), True)):
+        assert warnings_of(detected(t_s[kept], accel[kept])["metrics"]) == []
+
+
 def test_time_zero_is_not_late_on_average_where_samples_are_few() -> None:
     """The crossing lies anywhere between two samples; the nearer one is told, half of a sample off at most."""
     step_s = 0.0025
