@@ -112,8 +112,9 @@ def _number(name: str, row: Mapping[str, Any]) -> str:
     if row["value"] is None:
         return f"not known: {row['note']}"
     text = with_interval(row, row["unit"])
-    hour = f", clockwise from the front: {clock(math.radians(row['value']))} o'clock"
-    return text + hour if name == "pdof" else text
+    if name == "pdof":
+        return f"{text}, clockwise from the front: {clock(math.radians(row['value']))} o'clock"
+    return f"{text}, {row['note']}" if name == "speed_before" and row["note"] else text
 
 
 def _speed(value: float) -> str:

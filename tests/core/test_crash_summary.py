@@ -60,6 +60,11 @@ def test_a_run_prints_time_delta_v_and_direction_of_its_crash(clock: str, at: st
     assert "  delta-V             43.2 km/h (95 %: 42.6 to 43.8 km/h)\n" in told
     assert "  direction of force  -59 deg (95 %: -61 to -56 deg), clockwise from the front: 10 o'clock\n" in told
     assert "  speed before        not known: no trajectory tells it\n" in told
+    supposed = Metric(
+        "speed_before", 57.5, "km/h", 2.5, 52.6, 62.4, "delta-V over 1 + restitution", "as if into a wall"
+    )
+    told = as_text(Run(recording([Metric("impacts", 2.0), DELTA_V, supposed]), {}))
+    assert "  speed before  58 km/h (95 %: 53 to 62 km/h), as if into a wall\n" in told
 
 
 def test_a_run_without_a_crash_says_so() -> None:

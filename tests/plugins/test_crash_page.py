@@ -7,6 +7,7 @@ import re
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from browser import opened
 from handling_drives import START_NS, trajectory_of
@@ -86,8 +87,25 @@ def curve(page: str, key: str, name: str) -> tuple[np.ndarray, np.ndarray]:
 def test_the_page_says_first_what_happened(tmp_path):
     text = section(made(tmp_path))
     assert "At <b>72.0 km/h (95 %: 71.0 to 73.0 km/h)</b>" in text
-    assert f"<b>{DELTA_V:.1f} km/h" in text
+    assert f"the velocity changed by <b>{DELTA_V:.1f} km/h" in text
+    assert "</b> within 300 ms, the force" in text
     assert "the force came from <b>30° (95 %: 26 to 34°)</b>, clockwise from straight ahead" in text
+
+
+def test_a_speed_before_that_is_supposed_says_so(tmp_path):
+    speed = Metric(
+        "speed_before", 57.5, "km/h", 2.5, 52.6, 62.4, "delta-V over 1 + restitution", "as if against <a wall>"
+    )
+    text = section(made(tmp_path, learnt=judged(speed_before=speed)))
+    assert "km/h)</b> (as if against &lt;a wall&gt;), the velocity changed" in text
+
+
+def test_the_numbers_are_said_to_be_of_a_place(tmp_path):
+    assert "Accelerations are those of the point of the trajectory" in section(made(tmp_path))
+    place = as_kept([Metric("place", method="imu", note="under the <seat>")], "reader.nhtsa")
+    told = pa.concat_tables([judged(), place.cast(judged().schema)])
+    text = section(made(tmp_path, learnt=told, trajectory=pulse().drop_columns(["accel_x", "accel_y", "accel_z"])))
+    assert "those of the stream <code>imu</code> (under the &lt;seat&gt;)." in text
 
 
 def test_why_other_changes_of_velocity_differ_stands_below_the_numbers(tmp_path):
