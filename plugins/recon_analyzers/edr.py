@@ -179,7 +179,10 @@ def _maximum(told: Mapping[str, Uncertain], name: str, number: int) -> list[Metr
     largest, when = told[f"maximum_{name}"], told[f"time_{name}"].value
     coarse = TIME_RESOLUTION_S * float(np.round(when / TIME_RESOLUTION_S))
     suffix = "" if number == 1 else f"_event_{number}"
-    how, title = "49 CFR 563, 0 to 300 ms or to the end of the event and 30 ms", f"maximum delta-V, {name}"
+    how, title = (
+        "49 CFR 563, 0 to 300 ms or to the end of the event and 30 ms; forward, right +",
+        f"maximum delta-V, {name}",
+    )
     note = f"M{title[1:]}: {largest.value:.0f} km/h; crash {number}"
     later = f"Time, {title}: {1e3 * coarse:g} ms; crash {number}"
     return [
