@@ -22,7 +22,7 @@ import recon
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon.rows import Metric, metrics
-from recon.schema import RESIDUALS
+from recon.schema import IMU, RESIDUALS, Change
 from recon.tables import build, matrix, replace, time_ns, vector, with_meta
 from recon_exporters._chart import COLUMNS, ROWS
 from recon_exporters.report import ReportParams, declare_exporters, report
@@ -306,6 +306,15 @@ def test_the_picture_shows_track_curves_and_rejected_residuals(tmp_path):
     assert pixels(charts, "#d55e00") > 9 * 10
 
 
+def test_on_a_phone_the_edge_is_dark_behind_which_a_chart_goes_on(tmp_path):
+    export(tmp_path)
+    for width, inner, dark in ((500, 500 - 14, True), (1280, (1280 + 1060) // 2 - 30, False)):
+        picture = seen(tmp_path / "report.html", tmp_path / f"profile{width}", width, 3600).astype(int)
+        edge = picture[:, inner - 2]
+        grey = (np.ptp(edge, axis=1) < 4) & (edge[:, 0] > 170) & (edge[:, 0] < 215)
+        assert (grey.sum() > 1000) == dark  # six charts and tables or so, of a hundred rows and more each
+
+
 @pytest.mark.parametrize("log", ["comma2k19_example/seg40", "physycom_crash/crash_01.txt"])
 def test_the_report_of_a_real_log_opens_with_the_numbers_of_its_streams(log, logs, tmp_path):
     run = recon.run("best_accuracy", logs / log, tmp_path / "run", exports=["report"])
@@ -352,3 +361,17 @@ def test_it_asks_for_nothing_from_the_network(tmp_path):
     assert "@import" not in text
     assert "url(" not in text
     assert time_ns(run_of()["gnss"])[0] == START_NS
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words"), [("acceleration", "Acceleration"), ("specific_force", "Specific force")]
+)
+def test_a_chart_of_a_sensor_says_whether_gravity_is_in_it(quantity, words, tmp_path):
+    imu = build(
+        Change(quantities={"accel": quantity}).apply(IMU),
+        time=START_NS + np.arange(9) * 10_000_000,
+        accel=np.ones((9, 3)),
+        gyro=np.zeros((9, 3)),
+    )
+    text, _ = export(tmp_path, {"imu": imu})
+    assert f"<b>{words}, as logged (imu)</b>" in text

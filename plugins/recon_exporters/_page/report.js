@@ -183,7 +183,9 @@
     for (const panel of group.panels) listen(group, panel);
     const hint = document.createElement("p");
     hint.className = "hint screen";
-    hint.textContent = "Point at a chart to read values, drag sideways to look closer, double-click for the whole.";
+    hint.textContent = matchMedia("(max-width: 700px)").matches
+      ? "Charts and tables go on where their edge is dark: slide them sideways."
+      : "Point at a chart to read values, drag sideways to look closer, double-click for the whole.";
     node.prepend(hint);
   }
   document.documentElement.dataset.ready = "1";
