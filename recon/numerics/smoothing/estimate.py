@@ -21,6 +21,7 @@ from recon.numerics.smoothing.band import Inverse, global_covariances, marginals
 from recon.numerics.smoothing.earth import level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, lasting_drift, likely_noise
+from recon.numerics.smoothing.robust import OPEN, SHARPEST
 from recon.numerics.smoothing.samples import Samples
 from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
@@ -71,7 +72,7 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
     lasts = lasting_drift(smoother, solved) if learn_noise else 1.0
     if lasts > _WORTH_IT:
         noise = replace(noise, drift=noise.drift * lasts)
-        solved = smoother.solve(solved.state, noise, "tls", resumed=True)
+        solved = smoother.solve(solved.state, noise, "tls", SHARPEST)
         rough = False
     if model.mounting is None and flip_needed(forward_speed(solved.state)):
         turned = np.diag([-1.0, -1.0, 1.0])
@@ -95,7 +96,7 @@ def with_stops_in_silence(smoother: Smoother, solved: Solved, rough: bool = Fals
             smoother.believe(standing)
         elif not rough:
             break
-        solved = smoother.solve(solved.state, solved.noise, "tls", resumed=True)
+        solved = smoother.solve(solved.state, solved.noise, "tls", SHARPEST)
         rough = False
     return with_covariances(smoother, solved)
 
@@ -133,7 +134,7 @@ def _without_outliers(smoother: Smoother, start: State, noise: Noise, near: bool
     near : the start is Cauchy's solution with much the same noise; rough : it need not settle
     """
     try:
-        solved = smoother.solve(start, noise, "tls", resumed=near, rough=rough)
+        solved = smoother.solve(start, noise, "tls", OPEN if near else None, rough)
         if (solved.converged or rough) and solved.rejected < _MOST_REJECTED:
             return solved
     except np.linalg.LinAlgError:
@@ -158,7 +159,7 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     state = start if whole else knots_of(start, chosen)
     noise = at_least_aliased(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
     for count in range(_MOST_ROUNDS):
-        solved = part.solve(state, noise, "cauchy", resumed=count > 0)
+        solved = part.solve(state, noise, "cauchy", OPEN if count else None)
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
         if not _grown(before, noise):
             break

@@ -36,6 +36,8 @@ _GROWTH: Final = 100.0
 
 SHARPEST: Final[Sharpness] = (1e4, 1e4)
 """Every weight is 0 or 1."""
+OPEN: Final[Sharpness] = (1e-2, 1e-2)
+"""What comes next weights residuals from half the limit to twice of it, so that a good fix may come back."""
 
 
 def tls_weights(squared: ArrayLike, c2: float, mu: float) -> Floats:

@@ -70,16 +70,17 @@ class Smoother(Equations):
         self.steps = 0
         self._held = np.zeros(self.normal.knots)
 
-    def solve(self, state: State, noise: Noise, loss: Loss, resumed: bool = False, rough: bool = False) -> Solved:
+    def solve(
+        self, state: State, noise: Noise, loss: Loss, resumed: Sharpness | None = None, rough: bool = False
+    ) -> Solved:
         """Gauss-Newton steps until they are small. Raises numpy.linalg.LinAlgError where there is no solution.
 
-        resumed : the state is that of an earlier solution, whose residuals tell outliers from the first step on
+        resumed : how sharply outliers were told so far, where the state is that of an earlier solution
         rough : outliers told apart are enough
         """
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
         made = self._integrated(state, noise)
-        sharpness: Sharpness | None = SHARPEST if resumed else None
-        damping, done = 0.0, False
+        damping, done, sharpness = 0.0, False, resumed
         self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
         for count in range(_FEWEST_STEPS if resumed else 1, MOST_STEPS + 1):
             state, made = self._kept_fresh(state, noise, made, landed=count != 2)
