@@ -139,6 +139,34 @@ def test_the_speed_before_agrees_with_gnss_once_its_lag_is_off(car: dict[str, An
     assert 22.0 < car["speed_before"]["value"] < 26.0
 
 
+def test_the_speed_before_lies_between_those_summed_up_from_either_standstill(
+    imu: pa.Table, car: dict[str, Any]
+) -> None:
+    """Forward integration from rest and backward from rest after, with the pitch that the gyroscope felt and without.
+
+    A car that squats and dives feels gravity along its x: as if it stayed level it would be 1.4 km/h fast at rest.
+    """
+    t_s, accel, gyro = seconds(imu), matrix(imu, "accel"), matrix(imu, "gyro")
+    still, way, after = (t_s > 45.0) & (t_s < 50.0), (t_s > 50.0) & (t_s < 64.4), (t_s > 63.9) & (t_s < 64.4)
+    forward = -(accel[:, 0] - accel[still, 0].mean())
+    nose_down = cumulative(t_s[way], gyro[way, 1] - gyro[still, 1].mean(), "trapezoid")
+    begins, at_rest = int(np.searchsorted(t_s[way], 60.273)), after[way]
+    # Where it stands in the end, the gyroscope and gravity tell the same slope.
+    slope = -(accel[after, 0].mean() - accel[still, 0].mean()) / G
+    assert np.degrees(nose_down[at_rest].mean() - slope) == pytest.approx(0.0, abs=0.1)
+    found = []
+    for felt in (forward[way], forward[way] - G * nose_down):
+        speed = cumulative(t_s[way], felt, "trapezoid") / KM_H
+        found.append((speed[begins], speed[begins] - speed[at_rest].mean()))
+    (level, level_back), (pitched, pitched_back) = found
+    assert (level, level_back) == pytest.approx((24.7, 26.1), abs=0.1)
+    assert (pitched, pitched_back) == pytest.approx((23.5, 24.0), abs=0.1)
+    told = car["speed_before"]
+    assert pitched < told["value"] < pitched_back
+    assert told["low"] < (pitched + pitched_back) / 2.0 < told["high"]
+    assert level > told["high"]
+
+
 # --- a car against a wall: NHTSA test 10146, 57.09 km/h -------------------------------------------------------------
 
 REAR = ["imu", "imu_2", "imu_4", "imu_5"]
