@@ -162,8 +162,9 @@ def _vehicle_panel(motions: Sequence[Source], column: str, title: str, unit: str
 
 
 def _attitude_panels(motions: Sequence[Source]) -> Iterator[Panel]:
+    placed = any(has(one.table, "lat") and np.isfinite(vector(one.table, "lat", gaps=True)).any() for one in motions)
     titles = {
-        "heading": "Heading, clockwise from north",
+        "heading": f"Heading, clockwise from {'' if placed else 'the '}north{'' if placed else ' of the local frame'}",
         "pitch": "Pitch, positive with the nose down",
         "roll": "Roll, positive to the right",
     }

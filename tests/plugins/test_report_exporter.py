@@ -235,6 +235,8 @@ def test_without_a_place_on_the_earth_the_track_is_in_the_local_frame(tmp_path):
     text, _ = export(tmp_path, streams)
     assert "no place on the Earth is known" in text
     assert "data-world" not in text
+    assert "<b>Heading, clockwise from the north of the local frame</b>" in text
+    assert "<b>Heading, clockwise from north</b>" in export(tmp_path)[0]
 
 
 def test_further_trajectories_are_drawn_under_the_names_of_their_runs(tmp_path):
