@@ -100,7 +100,9 @@ def less_gnss(
     if not found or trajectory is None:
         return
     at_ns = found[0][0] - (np.linspace(*_GNSS_S, 41) * 1e9).astype(np.int64)
-    own = np.array([3.6 * told[0] if (told := speed_at(trajectory, int(t))) is not None else np.nan for t in at_ns])
+    own = np.array(
+        [3.6 * told[0] if (told := speed_at(trajectory, int(t), None)) is not None else np.nan for t in at_ns]
+    )
     other = _gnss_speeds(gnss, learnt, at_ns)
     if other is None or not np.isfinite(own - other).any():
         return

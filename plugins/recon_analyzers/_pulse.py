@@ -269,8 +269,13 @@ def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
     return float(np.hypot(pulse.step_s / np.sqrt(12.0), error / steepest))
 
 
-def speed_at(trajectory: pa.Table | None, zero_ns: int) -> tuple[float, float] | None:
-    """Horizontal speed at a time and its sigma, m/s, NaN where unknown; None where there is no trajectory."""
+def speed_at(trajectory: pa.Table | None, zero_ns: int, knots: pa.Table | None) -> tuple[float, float] | None:
+    """Horizontal speed at a time and its sigma, m/s, NaN where unknown; None where there is no trajectory.
+
+        sigma^2 = u_e^2 s_e^2 + u_n^2 s_n^2 + 2 r u_e u_n s_e s_n,    u along the velocity
+
+    with the correlation r of the nearest knot: without it the sigma would be another one in each direction of travel.
+    """
     if trajectory is None or not has(trajectory, "vel"):
         return None
     t_ns = time_ns(trajectory)
@@ -282,5 +287,17 @@ def speed_at(trajectory: pa.Table | None, zero_ns: int) -> tuple[float, float] |
     if not has(trajectory, "vel_std"):
         return speed, float("nan")
     std = np.array([vector(trajectory.slice(row, 1), f"vel_std_{axis}", gaps=True)[0] for axis in "en"])
-    along = vel / speed if speed > 0.0 else np.array([1.0, 0.0])
-    return speed, float(np.hypot(*(along * std)))
+    east, north = std * (vel / speed if speed > 0.0 else np.array([1.0, 0.0]))
+    return speed, float(np.sqrt(max(east**2 + north**2 + 2.0 * _correlation(knots, zero_ns) * east * north, 0.0)))
+
+
+def _correlation(knots: pa.Table | None, at_ns: int) -> float:
+    """Of the errors of velocity to the East and to the North at the nearest knot; 0 where nothing tells it."""
+    if knots is None or knots.num_rows < 2:
+        return 0.0
+    nearest = int(np.abs(time_ns(knots) - at_ns).argmin())
+    first = min(nearest, knots.num_rows - 2)
+    own = nearest - first
+    (east, both, _), (_, north, _), _ = Knots.of(knots.slice(first, 2)).covariance(own, own)[VELOCITY, VELOCITY]
+    found = both / np.sqrt(east * north)
+    return float(found) if np.isfinite(found) else 0.0

@@ -126,7 +126,7 @@ def analyze_crash(
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
-    speed = _speed(trajectory, span[0], numbers["delta_v_resultant_max"], params)
+    speed = _speed(speed_at(trajectory, span[0], knots), numbers["delta_v_resultant_max"], params)
     rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion)]
     return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
 
@@ -150,8 +150,8 @@ def _sigma_unclipped(found: Uncertain) -> float:
     return float(np.sqrt(max(found.sigma**2 - found.shares.get("clipping", 0.0) ** 2, 0.0)))
 
 
-def _speed(trajectory: pa.Table | None, zero_ns: int, gained: Uncertain, params: CrashParams) -> Metric:
-    known = speed_at(trajectory, zero_ns)
+def _speed(known: tuple[float, float] | None, gained: Uncertain, params: CrashParams) -> Metric:
+    """known : speed and sigma by the trajectory, m/s"""
     if known is not None and np.isfinite(known[0]):
         speed, sigma = (3.6 * value for value in known)
         method, note = "trajectory at time zero", "horizontal"
@@ -252,7 +252,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=5,
+        version=6,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -94,7 +94,7 @@ def analyze_edr(
     after: Rows = []
     learnt = [Metric("edr_number_of_events", float(len(found)), note="Multi-event, number of events")]
     for number, (zero_ns, end_ns) in enumerate(found, start=1):
-        before += _before(trajectory, number, zero_ns, params)
+        before += _before(trajectory, knots, number, zero_ns, params)
         pulse = pulse_at(motion, zero_ns, imu, events) if motion is not None and motion.directed else None
         if motion is not None and pulse is not None:
             known = Known(motion, trajectory, knots, metrics, params)
@@ -119,12 +119,12 @@ def _row(number: int, t: float, element: Element, value: float, sigma: float | N
     return {"event": number, "t": t, "element": element.name, "unit": element.unit, "value": value, "sigma": sigma}
 
 
-def _before(trajectory: pa.Table | None, number: int, zero_ns: int, params: EdrParams) -> Rows:
+def _before(trajectory: pa.Table | None, knots: pa.Table | None, number: int, zero_ns: int, params: EdrParams) -> Rows:
     """Speeds up to time zero; none where the trajectory does not reach or tell them."""
     length_s, rate_hz = PRE_CRASH[params.rule]
     rows: Rows = []
     for t in (np.arange(-round(length_s * rate_hz), 1) / rate_hz).tolist():
-        told = speed_at(trajectory, zero_ns + round(t * 1e9))
+        told = speed_at(trajectory, zero_ns + round(t * 1e9), knots)
         if told is not None and np.isfinite(told[0]):
             rows.append(_row(number, t, SPEED, *(3.6 * value for value in told)))
     return rows

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from metric_rows import rows_by_name
 
+from recon.knots import SIZE, Knots
 from recon.numerics.budget import Uncertain
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
 from recon.rows import warnings_of
-from recon.schema import IMU, Change
-from recon.tables import Array, Streams
+from recon.schema import IMU, KNOTS, TRAJECTORY, Change
+from recon.tables import Array, Streams, build
+from recon_analyzers._pulse import speed_at
 from recon_analyzers.crash import CrashParams, _speed_of_impact, analyze_crash, declare_analyzers
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
@@ -137,3 +139,22 @@ def test_the_speed_before_a_wall_has_the_lopsided_interval_of_a_clipped_delta_v(
     wider = _speed_of_impact(gained, 0.2, 0.05)
     assert wider.low < found.low
     assert wider.high > found.high
+
+
+@pytest.mark.parametrize("course_deg", [0.0, 20.0, 45.0, 135.0, 250.0])
+def test_the_sigma_of_the_speed_before_is_that_along_the_way_in_all_directions(course_deg: float) -> None:
+    """0.1 m/s along and 0.5 m/s across, and the other way round, where a sigma without the correlation is too small."""
+    east, north = np.sin(np.radians(course_deg)), np.cos(np.radians(course_deg))
+    turn = np.array([[east, north], [north, -east]])  # columns: along, across
+    time = np.array([0, 5, 10]) * 10**9
+    for sigmas in ([0.1, 0.5], [0.5, 0.1]):
+        spread = turn @ np.diag(np.square(sigmas)) @ turn.T
+        root = np.zeros((3, SIZE, SIZE))
+        root[:, 3:5, 3:5] = np.linalg.cholesky(spread)
+        none = np.zeros((3, SIZE, 1))
+        knots = build(KNOTS, time=time, **Knots(time, root, 0.0 * root[1:], none, np.zeros(3), np.zeros(3)).columns())
+        vel_std = np.tile([*np.sqrt(np.diag(spread)), 0.1], (3, 1))
+        vel = np.tile([10.0 * east, 10.0 * north, 0.0], (3, 1))
+        trajectory = build(TRAJECTORY, time=time, pos=vel, vel=vel, q=np.tile([1.0, 0, 0, 0], (3, 1)), vel_std=vel_std)
+        for zero_ns in time.tolist():
+            assert speed_at(trajectory, zero_ns, knots) == pytest.approx((10.0, sigmas[0]), rel=1e-5)
