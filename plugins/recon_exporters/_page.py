@@ -8,7 +8,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any, Final
 
-from recon.crash_summary import SIGN
+from recon.crash_summary import IMPACTS, SIGN
 from recon.learnt import legible, parameters_text
 from recon.rounding import milliseconds, rounded
 from recon.storage.json_text import to_json
@@ -208,12 +208,17 @@ def _is_estimate(row: Json) -> bool:
     return row["sigma"] is not None or row["low"] is not None
 
 
+def _shown_above(facts: Json, row: Json) -> bool:
+    """Is it one of the numbers of the crash?"""
+    step = crash_step(facts)
+    return bool(step) and row["step"] == step and row["name"] != IMPACTS
+
+
 def _estimates(facts: Json) -> str:
-    shown_above = crash_step(facts)
     rows = (
         (*_estimate(row), *_remarks(row))
         for row in facts["metrics"]
-        if _is_estimate(row) and not (shown_above and row["step"] == shown_above)
+        if _is_estimate(row) and not _shown_above(facts, row)
     )
     head = ("estimate", "value", "±&nbsp;sigma", "from", "to", "unit", "method", "note", "step")
     return table(head, rows, "Estimates with their uncertainty: mounting, biases, delays and others")
@@ -233,7 +238,7 @@ def _learnt(facts: Json) -> str:
     rows = (
         (_metric(row["name"]), number(row["value"]), escape(unit_symbol(row["unit"])), *_remarks(row))
         for row in map(legible, facts["metrics"])
-        if not _is_estimate(row) and not is_finding(row) and row["name"] != "warning"
+        if not (_is_estimate(row) or is_finding(row) or row["name"] == "warning" or _shown_above(facts, row))
     )
     return table(("name", "value", "unit", "method", "note", "step"), rows)
 

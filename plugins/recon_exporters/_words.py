@@ -7,6 +7,7 @@ from typing import Final
 
 _WORDS: Final = {
     "accel": "acceleration",
+    "asi": "ASI",
     "att": "attitude",
     "cfc60": "CFC 60",
     "cfc180": "CFC 180",
@@ -16,14 +17,19 @@ _WORDS: Final = {
     "imu": "IMU",
     "lat": "latitude",
     "lon": "longitude",
+    "long": "longitudinal",
     "mag": "magnetometer",
     "min": "smallest",
     "nees": "NEES",
+    "oiv": "OIV",
     "p95": "95 %",
     "p99": "99 %",
+    "pdof": "direction of force",
+    "phd": "PHD",
     "pos": "position",
     "rms": "RMS",
     "std": "sigma",
+    "thiv": "THIV",
     "vel": "velocity",
     "100km": "100 km",
 }
@@ -49,6 +55,8 @@ def words(name: str | None) -> str:
     for at in range(1, len(parts)):
         if parts[at - 1] in ("pos", "vel", "std"):
             found[at] = _AXES.get(parts[at], found[at])
+        elif parts[at] == "lat" and parts[at - 1] in ("delta-V", "oiv"):
+            found[at] = "lateral"
     return " ".join(found)
 
 

@@ -80,7 +80,7 @@ def _drawings(
         ("What the data say of the log's conventions", findings),
         ("Track", track_map(streams, spans, start, max_gap)),
         ("Over time", f'<div class="charts">{charts}</div>' if charts else ""),
-        ("Crashes, closer", _closeups(panels, spans, start, max_gap)),
+        ("Crashes, closer", _closeups(panels, spans, whole, max_gap)),
     ]
     return parts, _notes(whole, panels)
 
@@ -91,14 +91,15 @@ def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:
     return next((int(time_ns(table)[0]) for table in tables), start)
 
 
-def _closeups(panels: Sequence[Panel], spans: Sequence[Span], zero_ns: int, max_gap: float) -> str:
-    """The motion around the first crashes, with every row that there is."""
+def _closeups(panels: Sequence[Panel], spans: Sequence[Span], whole: Window, max_gap: float) -> str:
+    """The motion around the first crashes, with every row that there is, as far as the run goes."""
     found = []
     for span in [span for span in spans if span.kind == "crash"][:_MOST_CRASHES]:
-        window = Window(span.start_ns - _BEFORE, span.end_ns + _AFTER, zero_ns)
+        ends = max(span.start_ns - _BEFORE, whole.start_ns), min(span.end_ns + _AFTER, whole.end_ns)
+        window = Window(*ends, whole.zero_ns)
         shown = [panel for panel in panels if panel.group in ("motion", "sensors")]
         figures = "".join(figure(panel, window, spans, max_gap) for panel in shown)
-        title = f"<h3>Crash {(span.start_ns - zero_ns) * 1e-9:.2f} s after the start</h3>"
+        title = f"<h3>Crash {(span.start_ns - whole.zero_ns) * 1e-9:.2f} s after the start</h3>"
         found.append(f'{title}<div class="charts">{figures}</div>' if figures else "")
     return "".join(found)
 

@@ -135,6 +135,9 @@ def test_every_metric_of_the_analysis_has_a_title_and_stands_once(tmp_path):
         assert title in section(page)
         assert page.count(f"method {index}.") == 2  # the table, and the JSON at the end of the page
     assert json.loads((tmp_path / "report.json").read_text())["metrics"][0]["step"] == "analyzer.crash"
+    unknown = {name: Metric(name, None, "1", method=f"method {i}.") for i, name in enumerate(_TITLES)}
+    page = made(tmp_path, learnt=judged(**unknown))
+    assert [page.count(f"method {index}.") for index in range(len(_TITLES))] == [2] * len(_TITLES)
 
 
 def test_the_pulse_is_that_of_the_trajectory(tmp_path):

@@ -200,6 +200,13 @@ def test_a_crash_is_drawn_from_close_by_with_every_row(tmp_path):
     assert set(range(3900, 4310)) <= set(rows.tolist())
 
 
+def test_what_is_drawn_from_close_by_ends_with_the_run(tmp_path):
+    streams = run_of(np.arange(0, 4151) / 100)
+    text, _ = export(tmp_path, {name: streams[name] for name in ("trajectory", "events")})
+    closer = text[text.index("Crashes, closer") :]
+    assert {float(last) for last in re.findall(r'data-t="\S+ (\S+)"', closer)} == {41.5}
+
+
 def test_texts_of_a_log_are_text_in_the_page(tmp_path):
     text, data = export(tmp_path)
     assert "</script><b>" not in text
