@@ -154,7 +154,7 @@ def _speed(known: tuple[float, float] | None, gained: Uncertain, params: CrashPa
     """known : speed and sigma by the trajectory, m/s"""
     if known is not None and np.isfinite(known[0]):
         speed, sigma = (3.6 * value for value in known)
-        method, note = "trajectory at time zero", "horizontal"
+        method, note = "trajectory at time zero, with the sigma of its velocity", "horizontal"
     elif params.restitution is not None:
         return _speed_of_impact(gained, params.restitution, params.restitution_sigma)
     else:
@@ -175,7 +175,8 @@ def _speed_of_impact(gained: Uncertain, restitution: float, sigma: float) -> Met
             (gained.sigma, 1.0),
         )
     )
-    method, note = "delta-V over 1 + restitution", "as if it came against something that did not move"
+    method = "delta-V over 1 + restitution"
+    note = f"if it came against something that did not move, with a restitution of {restitution:g}, sigma {sigma:g}"
     return Metric("speed_before", speed, "km/h", spread, max(speed - below, 0.0), speed + above, method, note)
 
 

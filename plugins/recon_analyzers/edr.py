@@ -229,7 +229,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="edr",
         summary="The table of an event data recorder (49 CFR 563), beside a recorder's own and GNSS.",
-        version=3,
+        version=4,
         params=EdrParams,
         run=analyze_edr,
         reads={

@@ -163,7 +163,8 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
         end_ns = int(t_ns[min(group[-1] + 1, len(t_ns) - 1)])
         note = (
             f"largest change of velocity within {params.trigger_time * 1e3:g} ms; time zero where it changes by "
-            f"{params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms"
+            f"{params.wake_up / KM_H:g} km/h in {params.wake_up_time * 1e3:g} ms, end where it last does before "
+            f"{params.merge * 1e3:g} ms without"
         )
         found.append(Event(start_ns, end_ns, "crash", largest / KM_H, "km/h", note))
     return found
@@ -224,8 +225,8 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
     holed = [silence_s for silence_s in silences_s if silence_s * rate_hz > _SILENT_STEPS]
     if holed:
         yield warning(
-            f"{len(holed)} of {len(crashes)} crashes found have silences of the imu, of up to "
-            f"{1e3 * max(holed):.0f} ms: a line joins the samples beside them, and no interval knows what it felt there"
+            f"in {len(holed)} of {len(crashes)} crashes the imu is silent for up to {1e3 * max(holed):.0f} ms: a line "
+            "joins the samples beside that, and no interval knows what was felt there"
         )
     hit = [e for e in clips if any(c.start_ns <= e.end_ns and e.start_ns <= c.end_ns for c in crashes)]
     if hit:

@@ -137,6 +137,7 @@ def test_the_speed_before_a_wall_has_the_lopsided_interval_of_a_clipped_delta_v(
     found = _speed_of_impact(gained, 0.2, 0.0)
     assert (found.value, found.low, found.high) == pytest.approx((25.0, 29.0 / 1.2, 38.0 / 1.2))
     wider = _speed_of_impact(gained, 0.2, 0.05)
+    assert wider.note == "if it came against something that did not move, with a restitution of 0.2, sigma 0.05"
     assert wider.low < found.low
     assert wider.high > found.high
 

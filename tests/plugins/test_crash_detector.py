@@ -46,7 +46,7 @@ def test_a_silence_of_the_imu_in_a_crash_is_told() -> None:
     accel = pulses.crash(t_s, (-12.0, 0.0), 0.1)
     silent = (t_s > pulses.ZERO_S + 0.03) & (t_s < pulses.ZERO_S + 0.07)
     (told,) = warnings_of(detected(t_s[~silent], accel[~silent])["metrics"])
-    assert "1 of 1 crashes found have silences of the imu, of up to 40 ms" in told
+    assert "in 1 of 1 crashes the imu is silent for up to 40 ms" in told
     before = (t_s > pulses.ZERO_S - 0.5) & (t_s < pulses.ZERO_S - 0.4)
     for kept in (~before, np.full(len(t_s), True)):
         assert warnings_of(detected(t_s[kept], accel[kept])["metrics"]) == []
