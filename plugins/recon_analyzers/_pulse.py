@@ -65,6 +65,9 @@ class PulseParams(Params):
     """What is taken for granted of an IMU that felt an impact."""
 
     sensor_class: SensorClass = setting("consumer_mems", doc="What kind of IMU it is: its bias and scale error.")
+    accel_scale: float | None = quantity(
+        None, "%", ge=0, doc="Sigma of the scale error, where no step has told it; none: that of the class."
+    )
     mounting_sigma: float = quantity(
         1.0, "deg", ge=0, doc="How well the axes of the vehicle are known, where no step has told it."
     )
@@ -216,7 +219,8 @@ class Known:
             return np.asarray(facts["mounting_covariance"]) + extra, to_matrix(np.asarray(facts["mounting"]))
         told = [self._learnt_sigma(f"mount_{name}") for name in ("roll", "pitch", "yaw")]
         tilt = [self.params.mounting_sigma if sigma is None else np.radians(sigma) for sigma in told]
-        scale = typical(self.params.sensor_class, "accel_scale")
+        told_scale = self.params.accel_scale
+        scale = typical(self.params.sensor_class, "accel_scale") if told_scale is None else told_scale
         return np.diag(np.square([scale] * 3 + tilt)) + extra, np.eye(3)
 
     def _constant(self, zero_ns: int) -> Array:

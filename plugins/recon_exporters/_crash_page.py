@@ -45,7 +45,7 @@ _ANOTHER: Final = (
 )
 """Why other numbers of the page are called a change of velocity, too."""
 _OF_A_PLACE: Final = (
-    '<p class="hint">Accelerations are those of {}. Intervals hold what the sensor, its mounting and the '
+    '<p class="hint">Accelerations are those of {}. Intervals hold what a sensor of {}, its mounting and the '
     "reconstruction may have wrong, not what the structure does between that place and others: under the rear "
     "seats of a car against a wall four sensors of one kind told a delta-V that differed by 2 % and a peak in CFC 60 "
     "that differed by 18 %.</p>"
@@ -82,7 +82,7 @@ def crash_page(facts: Json, streams: Mapping[str, pa.Table], spans: list[Span]) 
         f'<div class="beside">{drawn}<div class="charts">{pulse_charts(streams, severest, spans)}</div></div>',
         _numbers(rows),
         _ANOTHER,
-        _OF_A_PLACE.format(_place(facts, streams)),
+        _OF_A_PLACE.format(_place(facts, streams), _class(facts)),
         _others(facts),
     ]
     return "".join(parts)
@@ -103,12 +103,19 @@ def _place(facts: Json, streams: Mapping[str, pa.Table]) -> str:
     return "".join(["the stream <code>imu</code>", *(f" ({escape(place)})" for place in named)])
 
 
+def _class(facts: Json) -> str:
+    """Of the sensor, as the step that judged the crash was told or takes for granted."""
+    own = (step["params"] for step in facts["plan"] or () if step["id"] == crash_step(facts))
+    named = next((params["sensor_class"] for params in own if "sensor_class" in params), None)
+    return f"the class <code>{escape(str(named))}</code>" if named else "its class"
+
+
 def _sentence(rows: Mapping[str, Json]) -> str:
     """Speed before, delta-V and direction in one line."""
     found = []
     for name, words in (
         ("speed_before", "At {}" + _supposed(rows)),
-        (SIGN, "the velocity changed by {} within 300 ms"),
+        (SIGN, "the velocity changed by {} within 300&nbsp;ms"),
         ("pdof", "the force came from {}, clockwise from straight ahead"),
     ):
         row = rows.get(name)

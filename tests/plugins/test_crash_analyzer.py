@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import crash_pulses as pulses
@@ -13,7 +14,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY as G
 from recon.rows import warnings_of
 from recon.schema import IMU, KNOTS, TRAJECTORY, Change
 from recon.tables import Array, Streams, build
-from recon_analyzers._pulse import speed_at
+from recon_analyzers._pulse import LINEARITY, speed_at
 from recon_analyzers.crash import CrashParams, _speed_of_impact, analyze_crash, declare_analyzers
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
@@ -108,6 +109,18 @@ def test_a_clipped_pulse_has_bounds_that_hold_the_truth() -> None:
     assert row["value"] > -15.0 * 3.6 + 1.0
     assert "clipped" in row["note"]
     assert any("clipped" in text for text in warnings_of(found["metrics"]))
+
+
+def test_a_scale_error_of_the_data_sheet_is_in_the_intervals() -> None:
+    t_s = pulses.times()
+    imu = pulses.imu_of(t_s, pulses.crash(t_s, (-12.0, 0.0)) - [0.0, 0.0, G], None, VEHICLE)
+    events = detect(imu=imu, params=DetectorParams())["events"]
+    for told, scale in ((None, 0.004), (0.03, 0.03)):
+        params = CrashParams(accel_scale=told)
+        found = analyze_crash(trajectory=None, imu=imu, knots=None, events=events, metrics=None, params=params)
+        row = rows_by_name(found)["delta_v_long_max"]
+        share = float(re.findall(r"scale ([\d.]+)", row["note"])[0])
+        assert share == pytest.approx(np.hypot(scale, LINEARITY) * abs(row["value"]), rel=0.02)
 
 
 def test_without_forward_only_sizes_are_told() -> None:

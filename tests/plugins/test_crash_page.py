@@ -29,6 +29,14 @@ DELTA_V = 3.6 * PEAK * 0.1 * 2.0 / np.pi
 """km/h, of half a sine of 0.1 s."""
 
 
+PLAN = [
+    {
+        "id": "analyzer.crash", "distribution": "recon-dynamics", "distribution_version": "0",
+        "params": {"sensor_class": "automotive"},
+    }
+]  # fmt: skip
+
+
 def ns(seconds: float) -> int:
     return START_NS + round(seconds * 1e9)
 
@@ -62,7 +70,7 @@ def as_kept(rows: list[Metric], step: str):
 
 
 def made(tmp_path, happened=None, learnt=None, **streams):
-    about = RunInfo("r", {"recon": "0", "pipeline": {"name": "crash", "text": ""}, "plan": [], "inputs": []})
+    about = RunInfo("r", {"recon": "0", "pipeline": {"name": "crash", "text": ""}, "plan": PLAN, "inputs": []})
     found = happened if happened is not None else [Event(ns(CRASH_S[0]), ns(CRASH_S[1]), "crash", DELTA_V, "km/h")]
     given = {"trajectory": pulse(), "events": events(found), "metrics": learnt if learnt is not None else judged()}
     report(streams={**given, **streams}, folder=tmp_path, about=about, params=ReportParams())
@@ -88,7 +96,7 @@ def test_the_page_says_first_what_happened(tmp_path):
     text = section(made(tmp_path))
     assert "At <b>72.0 km/h (95 %: 71.0 to 73.0 km/h)</b>" in text
     assert f"the velocity changed by <b>{DELTA_V:.1f} km/h" in text
-    assert "</b> within 300 ms, the force" in text
+    assert "</b> within 300&nbsp;ms, the force" in text
     assert "the force came from <b>30° (95 %: 26 to 34°)</b>, clockwise from straight ahead" in text
 
 
@@ -101,7 +109,9 @@ def test_a_speed_before_that_is_supposed_says_so(tmp_path):
 
 
 def test_the_numbers_are_said_to_be_of_a_place(tmp_path):
-    assert "Accelerations are those of the point of the trajectory" in section(made(tmp_path))
+    text = section(made(tmp_path))
+    assert "Accelerations are those of the point of the trajectory" in text
+    assert "a sensor of the class <code>automotive</code>, its mounting" in text
     place = as_kept([Metric("place", method="imu", note="under the <seat>")], "reader.nhtsa")
     told = pa.concat_tables([judged(), place.cast(judged().schema)])
     text = section(made(tmp_path, learnt=told, trajectory=pulse().drop_columns(["accel_x", "accel_y", "accel_z"])))
