@@ -15,7 +15,7 @@ SIGN: Final = "delta_v_resultant_max"
 IMPACTS: Final = "impacts"
 """The metric in which that step counts crashes, with the reason in its note where there is none."""
 _NUMBERS: Final = (SIGN, "pdof", "speed_before", "time_of_max")
-_SAID: Final = ("value", "unit", "sigma", "low", "high", "note")
+_SAID: Final = ("value", "unit", "sigma", "low", "high", "method", "note")
 
 
 def crash_summary(recording: Recording) -> dict[str, Any] | None:
@@ -24,7 +24,7 @@ def crash_summary(recording: Recording) -> dict[str, Any] | None:
     impacts : how many there are; note : why there is none
     after_s : its time zero, s after the first row of the run
     time : the same in UTC, left out where the log has no date
-    delta_v_resultant_max, pdof, speed_before, time_of_max : value, unit, sigma, low, high, note
+    delta_v_resultant_max, pdof, speed_before, time_of_max : value, unit, sigma, low, high, method, note
     """
     rows = recording["metrics"].to_pylist() if "metrics" in recording else []
     counts = [row for row in rows if row["name"] == IMPACTS]

@@ -14,7 +14,7 @@ from recon.tables import with_meta
 
 START_NS = 1714550400_000000000
 SECOND = 1_000_000_000
-DELTA_V = Metric(SIGN, 43.21, "km/h", 0.31, 42.6, 43.8)
+DELTA_V = Metric(SIGN, 43.21, "km/h", 0.31, 42.6, 43.8, "as 49 CFR 563")
 PDOF = Metric("pdof", -58.7, "deg", 1.2, -61.0, -56.3)
 UNKNOWN = Metric("speed_before", None, "km/h", note="no trajectory tells it")
 
@@ -42,6 +42,7 @@ def test_the_severest_impact_gives_the_time_and_the_step_that_judged_it_the_numb
     assert found is not None
     assert (found["impacts"], found["time"], found["after_s"]) == (2, "2024-05-01T08:00:05.000000000Z", 5.0)
     assert (found[SIGN]["value"], found["pdof"]["value"]) == (43.21, -58.7)
+    assert found[SIGN]["method"] == "as 49 CFR 563"
 
 
 def test_where_no_step_or_several_judged_crashes_there_is_no_summary() -> None:
