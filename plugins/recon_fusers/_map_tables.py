@@ -196,6 +196,7 @@ def happenings(found: Estimate, start_ns: int) -> list[Event]:
     step = np.diff(seen)
     long = np.flatnonzero(step > max(_OUTAGE_S, 2.5 * float(np.median(step))))
     spans += [("outage", seen[i], seen[i + 1]) for i in long]
+    within = ((kind, *np.clip((a, b), knots[0], knots[-1])) for kind, a, b in spans)
     return [
-        Event(start_ns + round(a * 1e9), start_ns + round(b * 1e9), kind, float(b - a), "s") for kind, a, b in spans
+        Event(start_ns + round(a * 1e9), start_ns + round(b * 1e9), kind, float(b - a), "s") for kind, a, b in within
     ]

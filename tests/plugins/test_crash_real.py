@@ -96,6 +96,14 @@ def test_the_numbers_measured_on_the_logged_axes_come_out_on_them(imu: pa.Table)
     assert severity.asi(seen - [0.0, 0.0, G], step_s, "1998").max() == pytest.approx(0.381, rel=0.02)
 
 
+def test_seconds_count_from_the_first_line_of_the_log(imu: pa.Table, run: recon.Run) -> None:
+    """No event begins before it: a standstill is told in blocks, whose edges lie between two lines."""
+    assert run.recording.span_ns() == (int(time_ns(imu)[0]), int(time_ns(imu)[-1]))
+    assert run.events is not None
+    first = min(row["time"] for row in run.events.to_pylist() if row["kind"] == "standstill")
+    assert first == imu["time"][0].as_py()
+
+
 def test_the_pipeline_gives_the_same_in_the_axes_of_the_vehicle(car: dict[str, Any]) -> None:
     """Box x points to the rear, so the sign is another."""
     for name, wanted in (("delta_v_long_max", -12.25), ("accel_peak_cfc60", -5.87), ("asi_1998", 0.381)):
