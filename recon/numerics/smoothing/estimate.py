@@ -158,8 +158,8 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     part.datum = part.datum.mounted(smoother.datum.rot_vs)
     state = start if whole else knots_of(start, chosen)
     noise = at_least_aliased(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
-    for count in range(_MOST_ROUNDS):
-        solved = part.solve(state, noise, "cauchy", OPEN if count else None)
+    for _ in range(_MOST_ROUNDS):
+        solved = part.solve(state, noise, "cauchy")
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
         if not _grown(before, noise):
             break
