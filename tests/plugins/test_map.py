@@ -275,3 +275,19 @@ def test_a_heading_that_nothing_tells_keeps_no_drive_from_converging(seed):
     assert "from 0 to 5 s the heading is hardly known" in note
     # As in the limits of drives without a gap, in the half of the drive that is far from it.
     assert errors(streams, result).horizontal((150.0, 300.0)) < 1.6 * 2.1
+
+
+@pytest.mark.parametrize("seed", [6222, 6246, 6272, 6284, 6288])
+def test_seconds_of_imu_between_silences_come_out_driving_ahead(seed):
+    def edit(s):
+        t_s = seconds(s["imu"])
+        return {**s, "imu": select_rows(s["imu"], (t_s < 60.0) | ((t_s > 80.0) & (t_s < 85.0)) | (t_s > 105.0))}
+
+    streams = drive("city", seed=seed, duration=240.0)
+    result = fused(streams, edit)
+    found = errors(streams, result)
+    alone = (found.t_s > 80.0) & (found.t_s < 85.0)
+    yaw_std = vector(result["trajectory"], "att_std_yaw")[alone]
+    assert np.degrees(yaw_std.max()) < 1.0
+    assert (np.abs(found.turn[alone, 2]) < 3.0 * yaw_std).all()
+    assert warnings_of(result["metrics"]) == []

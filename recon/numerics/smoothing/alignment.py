@@ -59,6 +59,9 @@ _TINY: Final = float(np.finfo(np.float64).tiny)
 CRUISING: Final = 3.0
 """m/s, from where the direction of the velocity is that of the vehicle to a degree or two."""
 
+_ASTRAY: Final = 0.9
+"""Share of its way that a vehicle on wheels goes ahead in any segment."""
+
 
 @dataclass(frozen=True)
 class Vectors:
@@ -159,6 +162,35 @@ def directions(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_]) -> Float
         raise ValueError("the vehicle moves at no knot with known velocity, so forward cannot be told")
     moves = known & (speed > min(CRUISING, 0.5 * fastest))
     return mtv(rot_ns[..., moves], vel_n[:, moves] / speed[moves])
+
+
+def along_course(rot_ns: Floats, vel_n: Floats, known: NDArray[np.bool_], segments: Sequence[slice]) -> Floats:
+    """Attitudes of a box in a vehicle on wheels; in segments that go astray turned about up until they go ahead.
+
+    The changes of velocity in a few seconds tell no heading, and iterations that begin far from it may end in a vehicle
+    that drives backwards, with a small sigma. The course tells it as soon as the rest of the drive tells what of the
+    box is ahead: where it moves, as a median over the drive.
+
+    rot_ns : (3, 3, N) of `align`; the other arguments as there
+    returns : R_ns (3, 3, N)
+    """
+    speed = length(vel_n)
+    moves = known & (speed > CRUISING)
+    if len(segments) < 2 or not moves.any():
+        return rot_ns
+    ahead_s = np.median(mtv(rot_ns[..., moves], vel_n[:, moves] / speed[moves]), axis=1)
+    ahead_n = mv(rot_ns, ahead_s[:, None])
+    off = (vel_n[0] + 1j * vel_n[1]) * (ahead_n[0] - 1j * ahead_n[1])
+    turned = rot_ns.copy()
+    for segment in segments:
+        knots = np.arange(segment.start, segment.stop)
+        told = knots[moves[segment]]
+        if off[told].sum().real >= _ASTRAY * np.abs(off[told]).sum():
+            continue
+        yaw = np.angle(off[told])[np.abs(knots[:, None] - told).argmin(axis=1)]
+        up = np.stack([np.zeros_like(yaw), np.zeros_like(yaw), yaw])
+        turned[..., segment] = mm(rotation_exp(up), rot_ns[..., segment])
+    return turned
 
 
 def pseudo_velocity(increments: Increments, speed: Floats, segments: Sequence[slice]) -> Floats:

@@ -71,6 +71,8 @@ def start_state(smoother: Smoother) -> State:
         unsure = alignment.heading_sigma(increments, rot_ns, vel_n, known, pull_n, segments)
         if unsure.min(initial=np.pi) > _NO_HEADING:
             raise ValueError("speed and course do not change by more than the noise of GNSS")
+    if smoother.model.wheels:
+        rot_ns = alignment.along_course(rot_ns, vel_n, known, segments)
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
     if smoother.model.wheels and len(drive.wheel_t_s) > 1:

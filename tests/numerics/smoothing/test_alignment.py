@@ -15,7 +15,7 @@ from alignment_drives import GRAVITY_N, GYRO_BIAS, angle_deg, box, city, never_s
 from recon.numerics import rotation
 from recon.numerics.motion import Drive, Segment, rest, stop_and_go
 from recon.numerics.smoothing import alignment, gyro_start
-from recon.numerics.smoothing.soa import mmt, rotation_log
+from recon.numerics.smoothing.soa import mm, mmt, rotation_exp, rotation_log
 
 
 def tilt_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -69,6 +69,25 @@ def test_heading_survives_ten_minutes_of_standing():
     # The chain drifts while standing by the error of the bias, the median of 60 000 samples of 0.1 deg/s: 5e-4 deg/s,
     # 0.3 degrees. The velocities at rest speak, if at all, with their noise.
     assert angle_deg(rot_ns, run.rot_ns).max() < 20.0
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_short_segment_that_goes_astray_is_turned_along_its_course_and_no_other_is(number):
+    run = city(number)
+    rot_ns = alignment.align(run.increments(run.bias_at_stops()), run.vel_n, run.known, GRAVITY_N, run.whole)
+    moves, stands = (np.flatnonzero(fast[40:]) + 40 for fast in (run.speed > 6.0, run.speed < 0.1))
+    short = slice(int(moves[0]), int(moves[0]) + 3)
+    parts = [slice(0, short.start), short, slice(short.stop, run.known.size)]
+    assert (alignment.along_course(rot_ns, run.vel_n, run.known, parts) == rot_ns).all()
+    for yaw in (-2.5, 1.5, np.pi):
+        astray = rot_ns.copy()
+        astray[..., short] = mm(rotation_exp(np.array([[0.0], [0.0], [yaw]])), rot_ns[..., short])
+        turned = alignment.along_course(astray, run.vel_n, run.known, parts)
+        assert angle_deg(turned[..., short], run.rot_ns[..., short]).max() < 10.0
+        assert (np.delete(turned, np.r_[short], axis=2) == np.delete(rot_ns, np.r_[short], axis=2)).all()
+    still = slice(int(stands[0]), int(stands[0]) + 1)
+    parts = [slice(0, still.start), still, slice(still.stop, run.known.size)]
+    assert (alignment.along_course(rot_ns, run.vel_n, run.known, parts) == rot_ns).all()
 
 
 def test_segments_know_nothing_of_each_other():
