@@ -140,5 +140,5 @@ def _noise(found: Estimate, observed: Observed) -> list[Metric]:
         if seen.any():
             rows.append(Metric(f"gnss_{name}", float(seen.sum())))
             rows.append(Metric(f"gnss_{name}_rejected", float((seen & (weight < 0.5)).sum())))
-    rows.append(Metric("steps", float(solved.steps), note="of Gauss and Newton to convergence"))
+    rows.append(Metric("steps", float(solved.steps), note="of Gauss and Newton, from the start on"))
     return rows
