@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -127,7 +128,6 @@ def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, pa
             _draw(axes, panel, curve, start_ns, params.max_gap)
         for level in panel.levels:
             axes.axhline(level, color="#777777", linewidth=0.6, linestyle=(0, (4, 3)))
-        axes.set_title(panel.title, loc="left", fontsize=8.0)
         axes.set_ylabel(f"[{panel.unit}]")
         axes.margins(x=0.0)
         if panel.circular:
@@ -140,7 +140,21 @@ def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, pa
     rows[-1].set_xlabel("time after the start [s]")
     figure.align_ylabels(rows)
     _shades_key(figure, spans)
+    _name(figure, rows, panels)
     return figure
+
+
+def _name(figure: Any, rows: Sequence[Any], panels: Sequence[Panel]) -> None:
+    """Titles stand beside the keys of the curves, or above, in lines that fit, where there is no room for both."""
+    titles = [axes.set_title(panel.title, loc="left", fontsize=8.0) for axes, panel in zip(rows, panels, strict=True)]
+    figure.draw_without_rendering()
+    points = 72.0 / figure.dpi
+    for axes, panel, title in zip(rows, panels, titles, strict=True):
+        room, wide, key = axes.bbox.width, title.get_window_extent().width, axes.get_legend().get_window_extent()
+        if wide + key.width > room:
+            lines = wrap(panel.title, int(len(panel.title) * room / wide))
+            axes.set_title("\n".join(lines), loc="left", fontsize=8.0, pad=points * key.height + 1.0)
+            figure.set_figheight(figure.get_figheight() + len(lines) * title.get_window_extent().height / figure.dpi)
 
 
 def _draw(axes: Any, panel: Panel, curve: Curve, start_ns: int, max_gap: float) -> None:

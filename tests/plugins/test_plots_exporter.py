@@ -17,7 +17,8 @@ from exporter_tables import drive, fixes, happened
 from recon.errors import NothingToExport, PluginError
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
-from recon_exporters.plots import PlotsParams, declare_exporters, plots
+from recon_exporters._panels import panels_of
+from recon_exporters.plots import PlotsParams, _over_time, declare_exporters, plots
 
 SVG = "{http://www.w3.org/2000/svg}"
 T_S = np.arange(0, 30.01, 0.1)
@@ -72,6 +73,21 @@ def test_the_picture_shows_the_curve(tmp_path):
     picture = np.rint(imread(export(tmp_path, streams())["motion"])[..., :3] * 255)
     assert picture.shape[1] == pytest.approx(170 / 25.4 * 200, abs=1)
     assert pixels(picture, "#0072b2") > 1000
+
+
+@pytest.mark.parametrize("width", [60.0, 85.0, 170.0])
+def test_titles_and_keys_stand_clear_of_each_other_however_narrow(width):
+    from matplotlib.text import Text
+
+    panels = panels_of(streams(gnss=fixes(np.arange(30))))
+    figure = _over_time(panels, [], 0, PlotsParams(width=width * 1e-3))
+    figure.draw_without_rendering()
+    for axes, panel in zip(figure.axes, panels, strict=False):
+        (title,) = [text for text in axes.findobj(Text) if text.get_text().replace("\n", " ") == panel.title]
+        box, key = title.get_window_extent(), axes.get_legend().get_window_extent()
+        assert not box.overlaps(key)
+        assert figure.bbox.x0 <= min(box.x0, key.x0)
+        assert max(box.x1, key.x1) <= figure.bbox.x1 + 1.0
 
 
 def test_a_dot_of_the_key_is_large_enough_to_tell_its_colour(tmp_path):
