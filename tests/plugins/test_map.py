@@ -291,3 +291,17 @@ def test_seconds_of_imu_between_silences_come_out_driving_ahead(seed):
     assert np.degrees(yaw_std.max()) < 1.0
     assert (np.abs(found.turn[alone, 2]) < 3.0 * yaw_std).all()
     assert warnings_of(result["metrics"]) == []
+
+
+@pytest.mark.parametrize("seed", [6205, 6206])
+def test_an_imu_that_is_silent_every_20_s_keeps_its_heading(seed):
+    def edit(s):
+        return {**s, "imu": select_rows(s["imu"], seconds(s["imu"]) % 20.0 < 18.0)}
+
+    streams = drive("mixed", seed=seed, duration=300.0)
+    result = fused(streams, edit)
+    truth, trajectory = streams["reference"], result["trajectory"]
+    speed = np.linalg.norm(matrix(truth, "vel"), axis=1)[np.searchsorted(time_ns(truth), time_ns(trajectory))]
+    heading = np.abs(errors(streams, result).turn[:, 2])
+    assert (heading < 4.0 * vector(trajectory, "att_std_yaw"))[speed > 3.0].all()
+    assert not any("not converged" in note for note in warnings_of(result["metrics"]))

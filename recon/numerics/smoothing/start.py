@@ -14,7 +14,8 @@ from recon.numerics.smoothing.earth import gravity_n
 from recon.numerics.smoothing.measurements import Fixes
 from recon.numerics.smoothing.model import Drive
 from recon.numerics.smoothing.preintegration import Increments
-from recon.numerics.smoothing.soa import Floats, rotation_exp
+from recon.numerics.smoothing.samples import LONG_GAP_S
+from recon.numerics.smoothing.soa import Floats, mm, mmt, rotation_exp
 from recon.numerics.smoothing.state import COMMON_SIZE, State
 from recon.numerics.smoothing.stops import MOVING
 
@@ -30,6 +31,8 @@ _FOLLOWED_S: Final = 120.0
 _VECTORS: Final = ("vel_n", "pos_n", "gyro_bias", "accel_bias", "drift_n")
 _NO_HEADING: Final = 0.2
 """rad; doubt of the first heading that noise alone exceeds, and no drive."""
+_JUMP: Final = 0.5
+"""rad between knots that the IMU did not turn."""
 _MOVES_MUCH: Final = 0.2
 
 
@@ -52,6 +55,7 @@ def fix_motion(fixes: Fixes) -> tuple[Floats, Floats, Floats]:
 def start_state(smoother: Smoother) -> State:
     """Closed form: gyro bias at stops, attitude from GNSS accelerations against specific force, then the mounting.
 
+    Between gaps of the IMU that may tell no heading, which then is that of the course, or carried over from nearby.
     Where only speed is known, the course is that of the turns since the start, which faces north by convention.
     Raises ValueError where nothing moves, so that no direction is forward and no heading is told.
     """
@@ -73,6 +77,9 @@ def start_state(smoother: Smoother) -> State:
             raise ValueError("speed and course do not change by more than the noise of GNSS")
     if smoother.model.wheels:
         rot_ns = alignment.along_course(rot_ns, vel_n, known, segments)
+    if len(segments) > 1:
+        told = _told(smoother, increments, rot_ns, (vel_n, known, pull_n, segments))
+        rot_ns = _carried(increments, rot_ns, told, segments)
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
     if smoother.model.wheels and len(drive.wheel_t_s) > 1:
@@ -107,6 +114,53 @@ def continued(smoother: Smoother, state: State) -> State:
         state.vel_n[:, k + 1] = vel + pull * length + rot @ made.velocity[:, k]
         state.pos_n[:, k + 1] = pos + vel * length + 0.5 * pull * length**2 + rot @ made.position[:, k]
     return state
+
+
+def _told(
+    smoother: Smoother,
+    increments: Increments,
+    rot_ns: Floats,
+    seen: tuple[Floats, NDArray[np.bool_], Floats, list[slice]],
+) -> NDArray[np.bool_]:
+    """Knots whose heading is told by the motion of their segment, (N,). seen : as `align` takes."""
+    vel_n, known, _, segments = seen
+    moves = known & (np.hypot(vel_n[0], vel_n[1]) > alignment.CRUISING) & smoother.model.wheels
+    jumps = np.abs(_yaw(mm(rot_ns[..., :-1], increments.rotation), rot_ns[..., 1:])) > _JUMP
+    told = np.zeros(len(known), dtype=bool)
+    for segment, sigma in zip(segments, alignment.heading_sigma(increments, rot_ns, *seen), strict=True):
+        steady = not jumps[segment.start : segment.stop - 1].any()
+        told[segment] = moves[segment] | (steady and (moves[segment].any() or sigma < _NO_HEADING))
+    return told
+
+
+def _carried(increments: Increments, rot_ns: Floats, told: NDArray[np.bool_], segments: list[slice]) -> Floats:
+    """Attitudes, (3, 3, N), whose headings, where nothing tells them, are those of the knots before or behind, turned
+    as the IMU turned: through gaps so short that their ends say how it did. Between two gaps the level is carried, too.
+
+    told : (N,); other arguments as of `alignment.align`
+    """
+    out, done, count = rot_ns.copy(), told.copy(), len(told)
+    level = np.zeros(count, dtype=bool)
+    for segment in segments:
+        level[segment] = True
+    for step, knots in ((1, range(1, count)), (-1, range(count - 2, -1, -1))):
+        for to in knots:
+            k = min(to, to - step)
+            if done[to] or not done[to - step] or increments.duration[k] > LONG_GAP_S:
+                continue
+            turn = increments.rotation[..., k] if step == 1 else increments.rotation[..., k].T
+            rot = out[..., to - step] @ turn
+            if level[to]:
+                yaw = float(_yaw(rot[..., None], out[..., to, None])[0])
+                rot = rotation_exp(np.array([[0.0], [0.0], [yaw]]))[..., 0] @ out[..., to]
+            out[..., to], done[to] = rot, True
+    return out
+
+
+def _yaw(of: Floats, other: Floats) -> Floats:
+    """Turn about up that brings other attitudes nearest to those: (n,) rad of (3, 3, n) both."""
+    turn = mmt(of, other)
+    return np.asarray(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
 
 
 def _until(state: State, knots: int) -> State:
