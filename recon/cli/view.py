@@ -12,6 +12,7 @@ import typer
 from recon.cli import _console as console
 from recon.cli._options import Blocked, FirstPartyOnly, registry_of
 from recon.cli._results import accounted
+from recon.cli._signals import Terminated
 from recon.errors import PluginError
 from recon.extras import missing
 
@@ -34,7 +35,7 @@ def view(
     blocked: Blocked = None,
     first_party_only: FirstPartyOnly = False,
 ) -> None:
-    """Open a finished run in the Rerun viewer, until that is closed.
+    """Open a finished run in the Rerun viewer, until that is closed: in the browser, until Ctrl-C.
 
     Example: recon view drive-thesis
     """
@@ -43,10 +44,20 @@ def view(
         files = _made(run, registry)
         console.write("\n".join(str(file) for file in files))
         ports = ("--web-viewer", "--port", "auto", "--web-viewer-port", "0") if web else ("--port", "auto")
-        code = subprocess.run([program, *files, *LOCAL, *ports], check=False).returncode
+        code = _closed([program, *files, *LOCAL, *ports])
         if code:
             hint = "" if web else "where there is no display, add --web"
             raise PluginError(f"the Rerun viewer ended with exit code {code}", hint)
+
+
+def _closed(command: Sequence[str | Path]) -> int:
+    """The viewer's exit code, when it is closed. Ctrl-C closes it too: a viewer in the browser has no other end."""
+    try:
+        return subprocess.run(command, check=False).returncode
+    except Terminated:
+        raise
+    except KeyboardInterrupt:
+        return 0
 
 
 def _viewer() -> Path:

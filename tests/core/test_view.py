@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -60,7 +61,9 @@ def is_page(address: tuple[str, int]) -> bool:
         return False
 
 
-def test_the_browser_shows_a_page_that_only_this_machine_can_reach(finished):
+@pytest.mark.parametrize(("closing", "code", "told"), [(signal.SIGINT, 0, []), (signal.SIGTERM, 143, ["terminated; "])])
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to a single process")
+def test_the_browser_shows_a_page_that_only_this_machine_can_reach_until_it_is_closed(finished, closing, code, told):
     process = view(finished, "--web")
     try:
         this, end = psutil.Process(process.pid), time.monotonic() + 60.0
@@ -70,8 +73,10 @@ def test_the_browser_shows_a_page_that_only_this_machine_can_reach(finished):
         assert {ip for ip, _ in addresses} == {"127.0.0.1"}
         assert any(is_page(address) for address in addresses)
     finally:
-        process.terminate()
-        process.communicate(timeout=60)
+        process.send_signal(closing)
+        _, complaint = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert [word for word in ("interrupted; ", "terminated; ") if word in complaint] == told
     _, alive = psutil.wait_procs(viewers, timeout=10)
     assert viewers
     assert not alive
