@@ -202,7 +202,8 @@ def sniff(path: Path, head: bytes) -> Sniff:
     except ReadFailed as error:
         return Sniff(0.0, error.what)
     kind = f"it looks like delimited text ({found.about})"
-    return Sniff(UNSURE, f"{kind}: 'recon inspect {in_shell(path)}' proposes a mapping for reader.csv")
+    proposed = f"'recon inspect {in_shell(path)} > mapping.yaml' proposes a mapping"
+    return Sniff(UNSURE, f"{kind}: {proposed}; check it, and give it with '--set reader.csv.columns=@mapping.yaml'")
 
 
 @hookimpl

@@ -49,7 +49,7 @@ def test_what_is_no_delimited_text_is_disclaimed(tmp_path: Path, head: bytes) ->
 def test_auto_declines_an_unknown_text_and_takes_it_with_a_mapping(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(drive(), encoding="utf-8")
-    with pytest.raises(UnknownFormat, match=rf"recon inspect \S*{path.name}' proposes"):
+    with pytest.raises(UnknownFormat, match=rf"recon inspect \S*{path.name} > mapping.yaml' proposes"):
         recon.read(path)
     mapping = load(BOTH, "m.yaml").plain()
     assert recon.read(path, **{"reader.csv.columns": mapping})["imu"].num_rows == 400
