@@ -49,7 +49,7 @@ def test_every_kind_of_drive_is_measured(tmp_path: Path) -> None:
     rows = [row for section in ("accuracy", "insurance") for rows in found[section].values() for row in rows]
     assert max(row["horizontal"] for row in rows) < 10.0
     assert max(row["heading"] for row in rows) < 5.0
-    peers = {"fuser.map", "ekf_rts", *(["gtsam_batch", "gtsam_scatter"] if find_spec("gtsam") else [])}
+    peers = {"fuser.map", "ekf_rts", *(["gtsam_batch", "gtsam_scatter", "gtsam_untold"] if find_spec("gtsam") else [])}
     assert all(set(solvers) == peers for solvers in found["peers"].values())
 
 

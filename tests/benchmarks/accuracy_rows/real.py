@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from peers.drives import Drive, Estimate, Noise, World
+from peers.drives import Drive, Estimate, World
 from peers.scores import in_outage
 
 from recon.numerics.geodesy import Anchor, geodetic_to_enu
@@ -21,13 +21,12 @@ from recon.numerics.rotation import Floats, to_euler
 from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate, wrap_angle
 from recon.parameters import NoParams
-from recon.sensor_classes import typical
 from recon.tables import matrix, select_rows, time_ns, vector
 from recon_fusers.map import MapParams
 from recon_readers.comma2k19 import read
 
 from .cases import Size
-from .rivals import OURS, peers
+from .rivals import OURS, peers, usual_noise
 from .scoring import Row, estimate_of, fused
 from .tables import plain_table, shown, statistic
 
@@ -81,29 +80,12 @@ def _told(imu: pa.Table, gnss: pa.Table, anchor: Anchor, truth: Estimate) -> Dri
         fix_t_s=fix_t_s[used],
         fix_pos_n=geodetic_to_enu(lat, lon, height, anchor),
         fix_vel_n=np.column_stack([speed * np.sin(course), speed * np.cos(course), np.zeros_like(speed)]),
-        noise=_noise(MapParams()),
+        noise=usual_noise(MapParams(), _NOT_KNOWN),
         world=World.at(anchor.lat, anchor.height),
         start_q_ns=truth.q_ns[0],
         lever_s=np.zeros(3),
         rear_s=np.zeros(3),
         mount_q_vs=np.array([1.0, 0.0, 0.0, 0.0]),
-    )
-
-
-def _noise(usual: MapParams) -> Noise:
-    """What fuser.map begins with."""
-    names = {
-        "gyro": "gyro_noise", "accel": "accel_noise", "gyro_walk": "gyro_bias_walk", "accel_walk": "accel_bias_walk",
-        "gyro_bias": "gyro_bias", "accel_bias": "accel_bias", "gyro_scale": "gyro_scale",
-    }  # fmt: skip
-    level = np.array([1.0, 1.0, 0.0])
-    up = 1.0 - level
-    return Noise(
-        **{name: typical(usual.sensor_class, row) for name, row in names.items()},
-        drift_n=usual.gnss_horizontal * level + usual.gnss_vertical * up,
-        drift_s=usual.gnss_correlation,
-        white_n=usual.gnss_white_horizontal * level + usual.gnss_white_vertical * up,
-        velocity_n=usual.gnss_velocity * level + _NOT_KNOWN * up,
     )
 
 

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Final
 
 import numpy as np
 from peers import ekf_rts
-from peers.drives import Solve
+from peers.drives import Drive, Noise, Solve
 from peers.scores import Score, run
 from peers.simulated import simulated
 
+from recon.sensor_classes import typical
+from recon_fusers.map import MapParams
 from recon_simulators.drive import simulate_drive
 
 from .cases import FIRST, HOUR, TEN_MINUTES, Job, Size, kind
@@ -35,7 +38,31 @@ def peers() -> Mapping[str, Solve]:
 
         found["gtsam_batch"] = gtsam_batch.solve
         found["gtsam_scatter"] = gtsam_batch.solve_scatter
+        found["gtsam_untold"] = lambda drive: gtsam_batch.solve_scatter(_untold(drive))
     return found
+
+
+def _untold(drive: Drive) -> Drive:
+    """Told no more than fuser.map, but for the first attitude."""
+    usual = MapParams()
+    return replace(drive, noise=usual_noise(usual, usual.gnss_velocity_vertical), lever_s=np.zeros(3))
+
+
+def usual_noise(usual: MapParams, velocity_vertical: float) -> Noise:
+    """What fuser.map begins with. velocity_vertical : sigma, m/s"""
+    names = {
+        "gyro": "gyro_noise", "accel": "accel_noise", "gyro_walk": "gyro_bias_walk", "accel_walk": "accel_bias_walk",
+        "gyro_bias": "gyro_bias", "accel_bias": "accel_bias", "gyro_scale": "gyro_scale",
+    }  # fmt: skip
+    level = np.array([1.0, 1.0, 0.0])
+    up = 1.0 - level
+    return Noise(
+        **{name: typical(usual.sensor_class, row) for name, row in names.items()},
+        drift_n=usual.gnss_horizontal * level + usual.gnss_vertical * up,
+        drift_s=usual.gnss_correlation,
+        white_n=usual.gnss_white_horizontal * level + usual.gnss_white_vertical * up,
+        velocity_n=usual.gnss_velocity * level + velocity_vertical * up,
+    )
 
 
 def rival_jobs(size: Size) -> dict[str, tuple[Job, ...]]:
