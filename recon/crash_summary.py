@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from recon.learnt import utc
 from recon.recording import Recording
 from recon.tables import meta, time_ns
 
@@ -24,6 +25,7 @@ def crash_summary(recording: Recording) -> dict[str, Any] | None:
     impacts : how many there are; note : why there is none
     after_s : its time zero, s after the first row of the run
     time : the same in UTC, left out where the log has no date
+    time_scale : UTC, and with it what was assumed of the log's clock
     delta_v_resultant_max, pdof, speed_before, time_of_max : value, unit, sigma, low, high, method, note
     """
     rows = recording["metrics"].to_pylist() if "metrics" in recording else []
@@ -36,7 +38,8 @@ def crash_summary(recording: Recording) -> dict[str, Any] | None:
     zero_ns, span = severest_impact(recording.get("events")), recording.span_ns()
     if zero_ns is not None and span is not None:
         dated = not any(meta(table).get("clock") == "relative" for table in recording.values())
-        found |= {"time": f"{np.datetime64(zero_ns, 'ns')}Z"} if dated else {}
+        if dated:
+            found |= {"time": f"{np.datetime64(zero_ns, 'ns')}Z", "time_scale": utc(rows)}
         found["after_s"] = (zero_ns - span[0]) * 1e-9
     return found | {name: {key: row[key] for key in _SAID} for name, row in numbers.items()}
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 from recon.rounding import rounded
 from recon.storage.json_text import to_json
+
+CLOCK: Final = "assumed_clock_offset"
+"""The metric in which a reader tells by how many s it took the clock of the log to be ahead of UTC."""
 
 
 def legible(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -20,6 +23,12 @@ def legible(row: Mapping[str, Any]) -> dict[str, Any]:
     if row["name"] == "reader_parameters":
         return {**row, "note": parameters_text(json.loads(row["note"])) or "it has none"}
     return dict(row)
+
+
+def utc(rows: Iterable[Mapping[str, Any]]) -> str:
+    """`UTC`, and with it what a reader assumed of the log's clock, by its rows of metrics."""
+    ahead = [row["value"] for row in rows if row["name"] == CLOCK and row["value"] is not None]
+    return f"UTC (the log's clock taken for UTC{ahead[0] / 3600.0:+g} h)" if ahead else "UTC"
 
 
 def parameters_text(params: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 from recon.crash_summary import IMPACTS, SIGN
-from recon.learnt import legible, parameters_text
+from recon.learnt import legible, parameters_text, utc
 from recon.rounding import milliseconds, rounded
 from recon.storage.json_text import to_json
 from recon_exporters._findings import is_finding
@@ -109,7 +109,7 @@ def _metric(name: str | None) -> str:
 
 def _head(facts: Json) -> str:
     summary, pipeline = facts["summary"], facts["pipeline"] or {}
-    start = f"{escape(milliseconds(summary['start']))} UTC"
+    start = escape(f"{milliseconds(summary['start'])} {utc(facts['metrics'])}")
     cells = [
         ("From", "no date: the log's clock has a zero of its own" if _relative(facts) else start),
         ("Lasts", f"{number(summary.get('duration', summary['span']))} s"),

@@ -96,8 +96,7 @@ def _crash_rows(crash: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if "after_s" not in crash:
         yield "crash", crash["note"] or "none"
         return
-    time = crash.get("time", "")
-    at = f"{milliseconds(time)} UTC, " if time else ""
+    at = f"{milliseconds(crash['time'])} {crash['time_scale']}, " if "time" in crash else ""
     several = f", the severest of {crash['impacts']}" if crash["impacts"] > 1 else ""
     yield "crash", f"{at}{crash['after_s']:.2f} s after the start{several}"
     for name, title in ((SIGN, "delta-V"), ("pdof", "direction of force"), ("speed_before", "speed before")):

@@ -68,6 +68,14 @@ def test_a_run_prints_time_delta_v_and_direction_of_its_crash(clock: str, at: st
     assert "  speed before  58 km/h (95 %: 53 to 62 km/h), as if into a wall\n" in told
 
 
+def test_a_time_that_rests_on_what_was_assumed_of_the_clock_says_so() -> None:
+    run = Run(recording([Metric("impacts", 1.0), Metric("assumed_clock_offset", 3600.0, "s")]), {})
+    assert "2024-05-01 08:00:05.000 UTC (the log's clock taken for UTC+1 h), 5.00 s after" in as_text(run)
+    found = crash_summary(run.recording)
+    assert found is not None
+    assert found["time_scale"] == "UTC (the log's clock taken for UTC+1 h)"
+
+
 def test_a_run_without_a_crash_says_so() -> None:
     found = Recording(
         {"metrics": stepped(metrics([Metric("impacts", 0.0, note="none was found")]), ["analyzer.crash"])}
