@@ -22,7 +22,7 @@ import pyarrow as pa
 from recon import evaluation
 from recon import manifest as manifests
 from recon.calling import call_exporter
-from recon.check import check, with_exports
+from recon.check import check, with_exports, with_span
 from recon.drive_summary import summarize
 from recon.errors import ConfigError, DataError, NothingToExport
 from recon.numerics.evaluation import Alignment
@@ -95,6 +95,8 @@ def run(
     source: Input = None,
     out: str | Path | None = None,
     *,
+    start: str | None = None,
+    stop: str | None = None,
     exports: Iterable[str] = (),
     store: str | None = None,
     overwrite: bool = False,
@@ -107,6 +109,7 @@ def run(
     pipeline : a shipped name, a file, or a Pipeline
     source : file or folder, several of them for one drive, or a Recording; None where the first step simulates
     out : folder for the result; None keeps it in memory
+    start, stop : the first and the last time that are taken of the source: "120 s" after its first row, or ISO 8601
     exports : names of exporters to run at the end; needs `out`
     store : "parquet" or "mcap"; by default what the pipeline says
     overrides : parameters by "STEP.NAME", quantities as text with a unit: **{"filter.moving_average.window": "50 ms"}
@@ -117,8 +120,8 @@ def run(
     found = pipeline if isinstance(pipeline, Pipeline) else Pipeline.from_file(pipeline)
     chosen = [Override.from_data(target, value) for target, value in overrides.items()]
     return execute(
-        found, source, out, chosen, exports=exports, store=store, overwrite=overwrite, registry=registry,
-        progress=progress,
+        with_span(found, start, stop), source, out, chosen, exports=exports, store=store, overwrite=overwrite,
+        registry=registry, progress=progress,
     )  # fmt: skip
 
 

@@ -34,9 +34,7 @@ def call_exporter(step: PlannedStep, recording: Recording, folder: Path, about: 
 
     Raises NothingToExport where the recording lacks what it reads, ContractError where it names a file outside of it.
     """
-    tables: dict[str, Any] = dict(_tables(step, recording))
-    if isinstance(step.stage, Exporter) and step.stage.every_stream:
-        tables["streams"] = dict(recording)
+    tables = _tables(step, recording)
     returned = guarded(step, lambda: step.stage.run(**tables, folder=folder, about=about, params=step.params))
     with _blamed(step):
         return _written(step, returned, folder)
@@ -120,13 +118,13 @@ def checked(step: PlannedStep, returned: Any) -> Streams:
     }
 
 
-def _tables(step: PlannedStep, recording: Recording) -> dict[str, pa.Table | None]:
-    """What a step reads, by port.
+def _tables(step: PlannedStep, recording: Recording) -> dict[str, Any]:
+    """What a step reads, by port; `streams` of one that reads every stream.
 
     Raises DataError where an earlier step left out what it might have given; for an exporter that is NothingToExport.
     """
     error = NothingToExport if isinstance(step.stage, Exporter) else DataError
-    tables: dict[str, pa.Table | None] = {}
+    tables: dict[str, Any] = {"streams": dict(recording)} if step.stage.every_stream else {}
     for port, need in step.stage.reads.items():
         stream = step.step.inputs.get(port, port)
         tables[port] = table = recording.get(stream)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from recon.declaration import Schemas, Stage
 from recon.errors import PluginBroken, PluginNotFound
@@ -20,6 +21,9 @@ from recon.registry import Registry
 from recon.schema import APPENDED, STREAM_NAME, STREAMS, Mismatch, Need, by_step, match, unnumbered
 from recon.stages import Delegation, Exporter, Reader, Simulator, role_of
 from recon.yaml_nodes import Node
+
+TRIM: Final = "filter.trim"
+"""The stage that leaves out all but a span of time."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ def flow(
     problems: list[Problem] = []
     for index, bound in enumerate(steps):
         problems += _port_problems(bound)
-        ports: dict[str, str] = {}
+        ports = {name: name for name in streams} if bound.stage.every_stream else {}
         served = True
         for port, need in bound.stage.reads.items():
             stream = bound.step.inputs.get(port, port)
@@ -252,6 +256,23 @@ def settled(plan: Plan, registry: Registry, streams: Schemas) -> tuple[Plan, lis
         if not isinstance(step.stage, Reader | Simulator | Exporter)
     ]
     return flow(plan.pipeline, rest, registry, streams)
+
+
+def with_span(pipeline: Pipeline, start: str | None, stop: str | None) -> Pipeline:
+    """The pipeline of the rows between two times alone, as `--from` and `--to` ask for.
+
+    start, stop : as filter.trim takes them, which comes behind the first step; None for the first and the last row
+    """
+    given = {name: text for name, text in (("start", start), ("stop", stop)) if text is not None}
+    if not given:
+        return pipeline
+    where = Where("--from, --to")
+    params = Node.of(given, where)
+    if TRIM in (step.id for step in pipeline.steps):
+        steps = [step.with_params(params) if step.id == TRIM else step for step in pipeline.steps]
+    else:
+        steps = [*pipeline.steps[:1], Step(TRIM, TRIM, params, where), *pipeline.steps[1:]]
+    return replace(pipeline, steps=tuple(steps))
 
 
 def with_exports(pipeline: Pipeline, names: Iterable[str]) -> Pipeline:

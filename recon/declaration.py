@@ -26,6 +26,7 @@ class Stage:
     reads : by argument name, what is needed of that stream
     writes : by stream name, its schema, or how the stream of that name that was read is changed
     plan : the same step on schemas, where `writes` does not suffice: (schemas by port, params) -> schemas by port
+    every_stream : its function takes `streams`, all streams by name, in place of single ones
     references : papers, standards
     """
 
@@ -40,6 +41,7 @@ class Stage:
     reads: Mapping[str, Need] = field(default_factory=dict)
     writes: Mapping[str, Schema | Change] = field(default_factory=dict)
     plan: PlanFunction | None = None
+    every_stream: bool = False
     references: tuple[str, ...] = ()
 
     @property
@@ -100,4 +102,4 @@ class Stage:
         return found
 
     def _also_given(self) -> set[str]:
-        return set()
+        return {"streams"} if self.every_stream else set()

@@ -18,7 +18,7 @@ from recon.stages import EVERYTHING, Exporter, Reader, Simulator, Wanted
 class PlannedStep:
     """A step with its stage and parameters.
 
-    inputs : stream by port, for the ports whose streams are there
+    inputs : stream by port, for the ports whose streams are there; all of them for a stage of every stream
     outputs : schema by stream of what the step returns
     """
 

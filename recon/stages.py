@@ -232,7 +232,6 @@ class Analyzer(Stage):
 class Exporter(Stage):
     """Writes files into a folder.
 
-    every_stream : its function takes `streams`, all streams by name, in place of single ones
     repeats : the same streams, `about` and parameters give the same bytes again, so that `recon verify` can hold the
         files against the results; what `about` tells of the machine and the time of day is not in them
     made_with : distributions whose versions decide those bytes beside recon's own needs, such as "matplotlib"
@@ -241,12 +240,8 @@ class Exporter(Stage):
     role: ClassVar[str] = "exporter"
     given: ClassVar[tuple[str, ...]] = ("folder", "about", "params")
 
-    every_stream: bool = False
     repeats: bool = True
     made_with: tuple[str, ...] = ()
-
-    def _also_given(self) -> set[str]:
-        return {"streams"} if self.every_stream else set()
 
 
 @dataclass(frozen=True, kw_only=True)

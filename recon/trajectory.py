@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
-from datetime import UTC, datetime
 from html import escape
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, overload
 
@@ -14,29 +13,18 @@ from numpy.typing import NDArray
 
 from recon.errors import DataError
 from recon.knots import SIZE, Knots
+from recon.moments import Moment, moment_ns
 from recon.movement import Movement, Movements, movements
 from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
-from recon.problems import shortened
 from recon.tables import Array, has, matrix, meta, time_ns, vector
-from recon.units import parse_quantity
-from recon.utc import iso_ns
 
 if TYPE_CHECKING:
     from pyquaternion import Quaternion
 
-OneTime: TypeAlias = str | float | datetime | np.datetime64
-Times: TypeAlias = OneTime | list[Any] | NDArray[Any]
+Times: TypeAlias = Moment | list[Any] | NDArray[Any]
 
-LAST_NS: Final = 2**63 - 1
-"""Greatest int64."""
-
-HINT: Final = (
-    "give seconds after the first row, text such as '100s', '#12' for a frame, ISO text, a datetime or a "
-    "numpy.datetime64"
-)
-"""What a time may be."""
 _FRAME: Final = re.compile(r"#[0-9]{1,18}")
 
 _SAME_M: Final = 1e-6
@@ -112,7 +100,7 @@ class Trajectory:
         return float((t_ns[-1] - t_ns[0]) * 1e-9) if len(t_ns) else 0.0
 
     @overload
-    def at(self, times: OneTime) -> Pose: ...
+    def at(self, times: Moment) -> Pose: ...
     @overload
     def at(self, times: list[Any] | NDArray[Any]) -> Poses: ...
 
@@ -134,7 +122,7 @@ class Trajectory:
         return Pose(poses.time[0], poses.position[0], poses.velocity[0], attitude, lat, lon, height)
 
     @overload
-    def between(self, start: OneTime, stop: OneTime) -> Movement: ...
+    def between(self, start: Moment, stop: Moment) -> Movement: ...
     @overload
     def between(self, start: Times, stop: Times) -> Movement | Movements: ...
 
@@ -170,7 +158,7 @@ class Trajectory:
         own = time_ns(self.table)
         start = int(own[0]) if len(own) else 0
         return np.array(
-            [self._of_frame(one) if _names_frame(one) else _since_1970(one, start) for one in moments], dtype=np.int64
+            [self._of_frame(one) if _names_frame(one) else moment_ns(one, start) for one in moments], dtype=np.int64
         )
 
     def _of_frame(self, name: str) -> int:
@@ -243,36 +231,3 @@ def _outside(t_ns: NDArray[np.int64], own: NDArray[np.int64]) -> DataError:
         f"the time {asked} lies outside the trajectory, which runs from {start} to {stop}",
         f"after its first row that is from '0s' to '{lasts}s'",
     )
-
-
-def _since_1970(one: Any, start: int) -> int:
-    """A time in ns since 1970; seconds count from `start` in ns. Raises DataError for what is no time."""
-    try:
-        found = _nanoseconds(one, start)
-    except (TypeError, ValueError, OverflowError) as error:
-        hint = f"with a unit it is one: '{one}s' after the first row" if _bare(one) else HINT
-        raise DataError(f"{shortened(repr(one))} is no time", hint) from error
-    return min(max(found, -LAST_NS), LAST_NS)  # what int64 cannot hold is outside of every trajectory
-
-
-def _bare(one: Any) -> bool:
-    """Is it the text of a number, without a unit?"""
-    return isinstance(one, str) and one.replace(".", "", 1).isdecimal() and one.isascii()
-
-
-def _nanoseconds(one: Any, start: int) -> int:
-    if isinstance(one, int | float | np.integer | np.floating):
-        return start + round(float(one) * 1e9)
-    if isinstance(one, str):
-        try:
-            return iso_ns(one)
-        except ValueError:
-            return start + round(parse_quantity(one, into="s") * 1e9)
-    if isinstance(one, datetime):
-        aware = one if one.tzinfo else one.replace(tzinfo=UTC)
-        since = aware - datetime(1970, 1, 1, tzinfo=UTC)
-        return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
-    moment = np.datetime64(one, "ns")
-    if np.isnat(moment):
-        raise ValueError("not a time")
-    return int(moment.astype(np.int64))

@@ -57,7 +57,8 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
     if found.smoother.model.wheels and solved.noise.sideways > _SLIDING:
         notes.append(
             f"the wheels seem to slide sideways by {solved.noise.sideways:.2f} m/s in the mean of a second, where 0.05 "
-            "is much: take care of heading and mounting; has the box turned in its mount? does it roll on wheels?"
+            "is much: take care of heading and mounting; has the box turned in its mount (then run the parts before "
+            "and after by themselves, with --to and --from)? does it roll on wheels?"
         )
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
 

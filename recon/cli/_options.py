@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
@@ -26,6 +26,11 @@ Store: TypeAlias = Annotated[
     str | None, typer.Option("--store", metavar="KIND", help="How streams are kept: parquet or mcap.")
 ]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Replace an older result.")]
+_TIME: Final = "'120s' (after the first row) or an ISO time."
+Start: TypeAlias = Annotated[
+    str | None, typer.Option("--from", metavar="A", help=f"Leave out the rows before: {_TIME}")
+]
+Stop: TypeAlias = Annotated[str | None, typer.Option("--to", metavar="B", help="Leave out the rows after, likewise.")]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Blocked: TypeAlias = Annotated[
     list[str] | None,

@@ -49,7 +49,7 @@ def _capabilities(stage: Stage) -> dict[str, Any]:
     """What the record declares of itself beyond what every record does; a function of its own counts as True."""
     from recon.declaration import Stage
 
-    common = {field.name for field in fields(Stage)}
+    common = {field.name for field in fields(Stage)} - {"every_stream"}
     own = {field.name: getattr(stage, field.name) for field in fields(stage) if field.name not in common}
     return {name: True if callable(value) else value for name, value in own.items() if value}
 
@@ -106,7 +106,8 @@ def as_text(stage: dict[str, Any]) -> str:
         for name, stream in stage[verb].items():
             lines += [f"  {name}{_stream_note(stream)}", *_stream_lines(stream)]
         if not stage[verb]:
-            every = verb == "reads" and stage["capabilities"].get("every_stream")
+            whole = verb == "reads" or stage["writes_depend_on_reads"]
+            every = whole and stage["capabilities"].get("every_stream")
             lines.append("  every stream" if every else "  no stream")
     if stage["writes_depend_on_reads"]:
         lines.append("  (of these, what the streams that it reads allow)")

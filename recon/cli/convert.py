@@ -13,6 +13,8 @@ from recon.cli._options import (
     FirstPartyOnly,
     Overwrite,
     Settings,
+    Start,
+    Stop,
     Store,
     bad_option,
     check_store,
@@ -31,6 +33,8 @@ def convert(
     sources: Annotated[list[Path], typer.Argument(metavar="SRC", help="A log, several of one drive, or a result.")],
     target: Annotated[Path, typer.Argument(metavar="DST", help="A new folder, or one file that ends in .mcap.")],
     settings: Settings = None,
+    start: Start = None,
+    stop: Stop = None,
     store: Store = None,
     overwrite: Overwrite = False,
     blocked: Blocked = None,
@@ -38,9 +42,10 @@ def convert(
 ) -> None:
     """Write a log as Parquet or MCAP.
 
-    Example: recon convert drive.txt drive.mcap
+    Example: recon convert drive.txt drive.mcap --from 120s --to 10min
     """
     from recon.api import execute
+    from recon.check import with_span
     from recon.pipeline import Pipeline
     from recon.rounding import counted
 
@@ -54,8 +59,8 @@ def convert(
     with accounted({"the recording": target}):
         with progress() as shown:
             made = execute(
-                Pipeline.of("convert", "reader.auto"), sources, None if as_file else target, overrides,
-                registry=registry, store=store, overwrite=overwrite, progress=shown,
+                with_span(Pipeline.of("convert", "reader.auto"), start, stop), sources, None if as_file else target,
+                overrides, registry=registry, store=store, overwrite=overwrite, progress=shown,
             )  # fmt: skip
             if as_file:
                 _write_file(made, target)

@@ -18,6 +18,8 @@ from recon.cli._options import (
     Inputs,
     Overwrite,
     Settings,
+    Start,
+    Stop,
     Store,
     bad_option,
     check_store,
@@ -43,6 +45,8 @@ def run(
     inputs: Inputs = None,
     out: _Out = None,
     settings: Settings = None,
+    start: Start = None,
+    stop: Stop = None,
     exports: _Exports = None,
     store: Store = None,
     overwrite: Overwrite = False,
@@ -56,6 +60,7 @@ def run(
     """
     from recon import memory
     from recon.api import execute
+    from recon.check import with_span
     from recon.pipeline import Pipeline
 
     memory.keep_freed()
@@ -68,8 +73,8 @@ def run(
     with accounted({"the run": folder, **_places(folder, names)}):
         with progress() as shown:
             finished = execute(
-                found, inputs or None, folder, overrides, registry=registry, exports=names, store=store,
-                overwrite=overwrite, progress=shown,
+                with_span(found, start, stop), inputs or None, folder, overrides, registry=registry, exports=names,
+                store=store, overwrite=overwrite, progress=shown,
             )  # fmt: skip
         if as_json:
             console.write_json(as_data(finished))

@@ -22,7 +22,7 @@ from recon.recording import Recording
 from recon.registry import Registry
 from recon.runner import Outcome, run_pipeline
 from recon.schema import APPENDED
-from recon.stages import Exporter, Reader, Simulator
+from recon.stages import Reader, Simulator
 from recon.testing.drives import USUAL, Conditions, drive
 from recon.testing.serving import serve
 from recon.yaml_nodes import Node
@@ -71,8 +71,7 @@ class Subject:
         if self.case.streams is not None:
             return dict(self.case.streams)
         made = drive(conditions)
-        every = isinstance(self.stage, Exporter) and self.stage.every_stream
-        return dict(made) if every else serve(made, self.stage.reads)
+        return dict(made) if self.stage.every_stream else serve(made, self.stage.reads)
 
     def plan(self, inputs: Mapping[str, pa.Table], params: Params | None = None) -> Plan:
         """The plan of a pipeline of this one step. Raises AssertionError where the inputs do not serve the stage."""

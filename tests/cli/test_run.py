@@ -14,6 +14,7 @@ from plugin_files import install
 import recon
 from recon.cli.run import default_folder
 from recon.storage import read_recording
+from recon.tables import time_ns
 
 
 def test_a_run_says_what_came_out_and_where_it_is(cli: Cli, tmp_path: Path) -> None:
@@ -26,6 +27,15 @@ def test_a_run_says_what_came_out_and_where_it_is(cli: Cli, tmp_path: Path) -> N
 
 def test_off_a_terminal_progress_is_a_plain_line_for_each_step_on_standard_error(cli: Cli) -> None:
     assert cli("run", "box.yaml", "drive.txt").err == "[1/2] reader.auto\n[2/2] filter.wait\n"
+
+
+def test_a_part_of_a_log_is_named_by_its_times(cli: Cli, tmp_path: Path) -> None:
+    assert cli("run", "box.yaml", "drive.txt", "--from", "0.2s", "--to", "0.5s").code == 0
+    part = read_recording(tmp_path / "drive-box")["imu"]
+    assert (time_ns(part)[[0, -1]] - time_ns(part)[0]).tolist() == [0, 300_000_000]
+    ended = cli("run", "box.yaml", "drive.txt", "--from", "2h", "--out", "later")
+    assert (ended.code, (tmp_path / "later").exists()) == (4, False)
+    assert "no row lies between 2h and the last row" in ended.err
 
 
 def test_a_run_for_programs_is_json(cli: Cli) -> None:

@@ -12,12 +12,13 @@ from pyquaternion import Quaternion
 
 from recon.errors import DataError
 from recon.knots import POSITION, SIZE, VELOCITY, Knots
+from recon.moments import HINT
 from recon.movement import Movement, Movements
 from recon.numerics.geodesy import SPHERE, WGS84, Anchor, enu_to_geodetic, geodesic, geodetic_to_enu
 from recon.numerics.rotation import Floats, from_euler, to_euler
 from recon.schema import FRAMES, KNOTS, TRAJECTORY
 from recon.tables import build, replace, with_meta
-from recon.trajectory import HINT, Pose, Trajectory
+from recon.trajectory import Pose, Trajectory
 
 EPS = np.finfo(float).eps
 START = "2024-05-01T08:00:00Z"

@@ -80,12 +80,14 @@ def wrong_times_give_a_result_or_a_data_error(subject: Subject) -> None:
     """
     inputs = subject.inputs()
     absent = dict.fromkeys(port for port in subject.stage.reads if port not in inputs)
+    every = subject.stage.every_stream
     for what, distort in (("repeated", with_repeated_times), ("backward", with_backward_times)):
         for stream, tables in variations(inputs, distort):
             _assert_result_or_data_error(subject, tables, f"{stream} with {what} times")
             try:
                 with warnings.catch_warnings(action="ignore"):  # a division by a step of zero
-                    subject.stage.run(**tables, **absent, params=subject.params)
+                    given = {"streams": tables} if every else {**tables, **absent}
+                    subject.stage.run(**given, params=subject.params)
             except (DataError, ValueError):
                 continue
             except Exception as error:  # a stage is somebody else's code
