@@ -75,7 +75,7 @@ def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
     verdict = "take care" if walks or sizes[worst] < _MOST_NOISE else "do not trust the result"
     return [
         f"{sensor} and GNSS contradict each other: the {what} comes out {sizes[worst]:.0f} times what was expected: "
-        f"{verdict}; does it roll on wheels, not lean? {_ASK}"
+        f"{verdict}; does it roll on wheels? {_ASK}"
     ]
 
 

@@ -29,6 +29,7 @@ from recon.numerics.smoothing.state import (
 )
 
 _HOW: Final = "maximum a posteriori"
+_LEANS: Final = "it leans into bends, as what has two wheels does"
 _OF_SENSOR: Final = (
     ("gyro_scale", GYRO_SCALE, "1", 1.0), ("accel_scale", ACCEL_SCALE, "1", 1.0),
     ("camera_turned", CAMERA, "deg", np.degrees(1.0)), ("camera_lever", CAMERA_LEVER, "m", 1.0),
@@ -74,7 +75,8 @@ def _vehicle(found: Estimate, deviation: Array) -> list[Metric]:
     for name, index, unit, factor in _OF_VEHICLE:
         if deviation[index] > 0.0 and (index != WHEEL or len(found.smoother.drive.wheel_t_s)):
             value = common[index] + (solved.moved_lag if index == LAG else 0.0)
-            rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=_HOW))
+            note = _LEANS if index == ROLL and found.smoother.model.lean else ""
+            rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=_HOW, note=note))
     if deviation[BARO] > 0.0:
         scale, note = 1.0 + float(common[BARO]), "of the standard atmosphere's climbs"
         rows.append(Metric("baro_scale", scale, "1", float(deviation[BARO]), method=_HOW, note=note))

@@ -137,7 +137,9 @@ class _Car(_Box):
     )
     body_slip: float | None = quantity(None, "deg/(m/s^2)", doc="Angle into the bend by lateral acceleration.")
     body_pitch: float | None = quantity(None, "deg/(m/s^2)", doc="Rise of the nose by forward acceleration.")
-    body_roll: float | None = quantity(None, "deg/(m/s^2)", doc="Lean out of the bend by lateral acceleration.")
+    body_roll: float | None = quantity(
+        None, "deg/(m/s^2)", doc="Lean out of the bend by lateral acceleration; of two wheels -5.84."
+    )
     body_bounce: float | None = quantity(None, "deg", ge=0, doc="Sigma of roll and pitch by the road at 54 km/h.")
     body_heave: float | None = quantity(None, "mm", ge=0, doc="Sigma of the height of the body at 54 km/h.")
     wheel_rate: float | None = quantity(None, "Hz", gt=0, doc="Speeds of the wheels per second; none: no such sensor.")

@@ -37,6 +37,8 @@ SEEDS = range(20, 28) if THOROUGH else range(20, 21)
 SLACK = 1.15 if THOROUGH else 1.75
 MOUNTING = tuple(np.radians([-3.0, 4.0, 12.0]))
 """That of study_two: roll, pitch, yaw."""
+INTO_BENDS = -1.0 / 9.81
+"""rad per m/s^2; the lean at which a motorbike feels nothing across."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ CASES = {
     "sideways": turned(90.0, 0.0, 0.0),
     "backwards": turned(0.0, 0.0, 180.0),
     "on its nose": turned(0.0, 89.0, 10.0),
+    "on two wheels": Case({"body_roll": INTO_BENDS}),
     "anyhow": Case(
         {"mount_roll": np.radians(-120.0), "mount_pitch": np.radians(35.0), "mount_yaw": np.radians(140.0)}, level=0.1
     ),
@@ -195,6 +198,16 @@ def test_a_hard_drive_is_as_good_as_its_limit_and_raises_no_doubt(name: str) -> 
 def _median(found: list[Errors], name: str) -> float:
     values = [getattr(one, name) for one in found]
     return float(np.median([value() if callable(value) else value for value in values]))
+
+
+@pytest.mark.parametrize(("lean", "expected"), [(INTO_BENDS, INTO_BENDS), (0.0087, 0.0087), (-0.01, -0.01)])
+def test_what_leans_into_bends_is_told_from_what_leans_out_of_them(lean: float, expected: float) -> None:
+    """A car held to be a motorbike, or the other way round, would have a lean that is ten sigmas off."""
+    for seed in SEEDS:
+        rows = fused(drive(seed=seed, body_roll=lean))["metrics"].to_pylist()
+        (found,) = (row for row in rows if row["name"] == "roll_per_acceleration")
+        assert abs(found["value"] - expected) < 3.0 * found["sigma"] < 0.03
+        assert (found["note"] == "it leans into bends, as what has two wheels does") == (lean == INTO_BENDS)
 
 
 def test_without_heights_the_rest_stays_as_good() -> None:

@@ -5,16 +5,19 @@
     standing          v = 0, and no rotation from knot to knot: the heading holds better than the tilt, which wind
                       and load change. A relation between knots, not "gyro = bias", which would use the gyro twice.
     road              roads are level across on average: vehicle roll - k a_y = 0 for each stretch travelled. The faster
-                      a road is, the longer its bends and their banks: 3 m for each km/h of the design speed at least
+                      a road is, the longer its bends and their banks: 3 m for each km/h of the design speed at least.
+                      What has two wheels leans until nothing is felt across: k = -1 / g, at any angle
 
 References
     AASHTO (2018), "A policy on geometric design of highways and streets", 7th ed., section 3.3 (lengths of bends).
     Brown and Hwang (2012), 4th ed., section 4.2 (Gauss-Markov process).
+    Cossalter (2006), "Motorcycle dynamics", 2nd ed., section 4.1 (steady turning: the roll angle of equilibrium).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +37,10 @@ from recon.numerics.smoothing.state import (
     State,
 )
 
+LEANING: Final = -1.0 / 9.80665
+"""s^2/m; roll per lateral acceleration in the vehicle's axes of what has two wheels."""
+_SURE = 3.0
+"""Sigmas."""
 _C2 = 9.0
 _MOVING = 0.5
 """m/s above which a road is travelled."""
@@ -144,6 +151,16 @@ def road(
         leaning=leaning,
         bank=leaning[1] - state.common[ROLL] * lateral,
     )
+
+
+def leans(seen: Road, sigma: float) -> bool:
+    """Does the body lean into bends rather than out of them, by what sets two wheels apart from four?
+
+    sigma : rad, of the bank of a stretch
+    """
+    squares = float((seen.stretches * seen.lateral**2).sum())
+    into = float((seen.stretches * seen.lateral * seen.leaning[1]).sum())
+    return into - 0.5 * LEANING * squares < -_SURE * sigma * np.sqrt(squares)
 
 
 def add_road(normal: Normal, state: State, seen: Road, sigma: float) -> None:

@@ -18,7 +18,8 @@ import numpy as np
 from recon.numerics.signals import runs
 from recon.numerics.smoothing.alignment import flip_needed
 from recon.numerics.smoothing.band import Inverse, global_covariances, marginals
-from recon.numerics.smoothing.earth import level_rotation
+from recon.numerics.smoothing.constraints import LEANING, leans
+from recon.numerics.smoothing.earth import GravityField, level_rotation
 from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.noise import at_least_aliased, at_least_still, lasting_drift, likely_noise
 from recon.numerics.smoothing.robust import OPEN, SHARPEST
@@ -69,6 +70,9 @@ def estimate(drive: Drive, model: Model, noise: Noise, learn_noise: bool = True)
         noise, state, near = _learnt(smoother, state, noise)
     rough = bool(smoother.quiet.any())
     solved = _without_outliers(smoother, state, noise, near, rough)
+    if _found_leaning(smoother, solved):
+        solved = smoother.solve(solved.state, noise, "tls", SHARPEST)
+        rough = False
     lasts = lasting_drift(smoother, solved) if learn_noise else 1.0
     if lasts > _WORTH_IT:
         noise = replace(noise, drift=noise.drift * lasts)
@@ -160,11 +164,24 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
     noise = at_least_aliased(at_least_still(noise, smoother.still_noise), smoother.drive.samples)
     for _ in range(_MOST_ROUNDS):
         solved = part.solve(state, noise, "cauchy")
+        if _found_leaning(part, solved):
+            solved = part.solve(solved.state, noise, "cauchy")
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
         if not _grown(before, noise):
             break
-    smoother.moved_lag = part.moved_lag
+    smoother.moved_lag, smoother.model = part.moved_lag, part.model
     return noise, state if whole else replace(start, rot_vs=state.rot_vs, common=state.common), whole
+
+
+def _found_leaning(smoother: Smoother, solved: Solved) -> bool:
+    """Does a solution show, and did none before, that the vehicle has two wheels? From now on the smoother knows it."""
+    if not smoother.model.wheels or smoother.model.lean:
+        return False
+    gravity = GravityField.around(solved.state.pos_n, smoother.drive.anchor)
+    found = leans(smoother.road(solved.state, gravity), solved.noise.bank)
+    if found:
+        smoother.model = replace(smoother.model, lean=LEANING)
+    return found
 
 
 def _grown(before: Noise, after: Noise) -> bool:

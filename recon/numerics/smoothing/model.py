@@ -49,6 +49,7 @@ class Model:
         camera_lever_sigma : m
     baro : 1, sigma of the scale of a barometer's climbs, 0 where there is none
     lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
+    lean : s^2/m, roll per lateral acceleration about which the sigma `roll` holds it
     wheels : does it roll on wheels, so that it moves forward only
     slip_growth : growth of the sigma of motion across with slip
     stop m/s, stop_heading, stop_tilt rad/sqrt(s) : how still a standing vehicle is
@@ -76,6 +77,7 @@ class Model:
     slip: float = 0.01
     pitch: float = 0.01
     roll: float = 0.01
+    lean: float = 0.0
     wheel: float = 0.02
     wheel_speed: float = 0.1
     wheels: bool = True

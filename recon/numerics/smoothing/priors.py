@@ -88,6 +88,7 @@ def add_priors(normal: Normal, state: State, model: Model, datum: Datum, moved_l
     errors, sigma = state.common.copy(), _sigmas(model)
     errors[MOUNT] = rotation_log((state.rot_vs @ datum.rot_vs.T)[..., None])[:, 0]
     errors[LAG] += moved_lag
+    errors[ROLL] -= model.lean
     errors[CAMERA_LEVER] -= model.camera_lever
     weight = np.diag(1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2)
     for where, mean, sizes in ((LEVER, model.lever, model.lever_sigma), (REAR, model.rear, model.rear_sigma)):

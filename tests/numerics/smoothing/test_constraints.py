@@ -11,11 +11,14 @@ from numpy.testing import assert_allclose
 from smoothing_drives import Linearised, Log, dense, derivatives, linearised
 
 from recon.numerics.smoothing.constraints import (
+    LEANING,
+    Road,
     add_drift,
     add_road,
     add_standing,
     add_value,
     add_walks,
+    leans,
     relative_turn,
     road,
 )
@@ -148,6 +151,17 @@ def test_roads_are_level_across_once_per_stretch(drive, roll):
         return (now - x.common[ROLL] * lateral) * np.sqrt(weight)
 
     check(normal, state, rows, DIFFERENCE)
+
+
+@pytest.mark.parametrize(("lean", "stretches", "found"), [
+    (LEANING, 10.0, True), (LEANING, 0.1, False), (0.01, 10.0, False), (0.0, 10.0, False), (0.4 * LEANING, 10.0, False)
+])  # fmt: skip
+def test_what_leans_into_bends_is_seen_where_bends_are_enough(lean, stretches, found):
+    lateral = np.linspace(-2.0, 2.0, 41)
+    up = np.tile([0.0, 0.0, 1.0], (41, 1)).T
+    leaning = np.stack([0.0 * lateral, lean * lateral, np.ones(41)])
+    seen = Road(np.arange(41), np.full(41, stretches / 41.0), lateral, up, leaning, leaning[1])
+    assert leans(seen, np.radians(1.5)) == found
 
 
 def test_nothing_is_said_of_roads_at_rest(drive):
