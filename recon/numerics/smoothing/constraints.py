@@ -160,7 +160,7 @@ def leans(seen: Road, sigma: float) -> bool:
     """
     squares = float((seen.stretches * seen.lateral**2).sum())
     into = float((seen.stretches * seen.lateral * seen.leaning[1]).sum())
-    return into - 0.5 * LEANING * squares < -_SURE * sigma * np.sqrt(squares)
+    return bool(into - 0.5 * LEANING * squares < -_SURE * sigma * np.sqrt(squares))
 
 
 def add_road(normal: Normal, state: State, seen: Road, sigma: float) -> None:
