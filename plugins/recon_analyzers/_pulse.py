@@ -26,13 +26,12 @@ from recon import (
     time_ns,
     vector,
 )
+from recon.clipping import lost
 from recon.knots import VELOCITY, Knots
 from recon.numerics.budget import Doubt, Pulse
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.rotation import conjugate, rotate, shortest_arc, to_matrix
-from recon.numerics.saturation import clipped, hidden
 from recon.numerics.signals import median_rate
-from recon.rows import spans
 from recon.schema import Need
 from recon.sensor_classes import SensorClass, typical
 from recon.tables import measured_axes, schema_of
@@ -121,8 +120,18 @@ def _levelled(imu: pa.Table, accel: Array) -> Motion:
     return _rows(imu, rotate(turn, accel) - [0.0, 0.0, float(np.linalg.norm(up))], directed=False, turn=turn)
 
 
-def pulse_at(motion: Motion, zero_ns: int, imu: pa.Table | None, events: pa.Table | None) -> Pulse | None:
-    """The pulse about a time zero on a regular grid that meets it; None where the log holds fewer than four samples."""
+def pulse_at(
+    motion: Motion,
+    zero_ns: int,
+    imu: pa.Table | None = None,
+    events: pa.Table | None = None,
+    trajectory: pa.Table | None = None,
+    knots: pa.Table | None = None,
+) -> Pulse | None:
+    """The pulse about a time zero on a regular grid that meets it; None where the log holds fewer than four samples.
+
+    imu, events, trajectory, knots : tell what was clipped, and what that cost
+    """
     near = slice(*np.searchsorted(motion.t_ns, [zero_ns - round(LEAD_S * 1e9), zero_ns + round(_BEHIND_S * 1e9) + 1]))
     t_ns = motion.t_ns[near]
     if len(t_ns) < 4:
@@ -133,11 +142,15 @@ def pulse_at(motion: Motion, zero_ns: int, imu: pa.Table | None, events: pa.Tabl
     step_s = own_s * every
     first, last = int(np.ceil(t_s[0] / step_s - 1e-6)), int(np.floor(t_s[-1] / step_s + 1e-6))
     grid: Array = np.asarray(np.arange(first, last + 1) * step_s)
-    missing = _missing(motion, near, imu, events)
-    accel, gyro, missing = (
-        _on_grid(grid, t_s, y, step_s, every) for y in (motion.accel[near], motion.gyro[near], missing)
+    accel, gyro = motion.accel[near], motion.gyro[near]
+    cut = lost(t_ns, accel, imu, events, trajectory, knots)
+    clipped, doubt = (cut.others, cut.doubt) if cut is not None else ((), ())
+    accel, gyro, *others = (
+        _on_grid(grid, t_s, y, step_s, every)
+        for y in (accel if cut is None else accel + cut.likely, gyro, *clipped, *doubt)
     )
-    return Pulse(accel, gyro, step_s, max(-first, 0), missing)
+    parts = np.reshape(others, (-1, *accel.shape))
+    return Pulse(accel, gyro, step_s, max(-first, 0), parts[: len(clipped)], parts[len(clipped) :])
 
 
 def _on_grid(grid: Array, t_s: Array, y: Array, step_s: float, every: int) -> Array:
@@ -158,29 +171,6 @@ def _on_grid(grid: Array, t_s: Array, y: Array, step_s: float, every: int) -> Ar
     ends = [np.clip(grid + side * step_s / 2.0, t_s[0], t_s[-1]) for side in (-1.0, 1.0)]
     before, after = (np.stack([np.interp(end, t_s, axis) for axis in area.T], axis=1) for end in ends)
     return np.asarray((after - before) / np.maximum(ends[1] - ends[0], 1e-12)[:, None])
-
-
-def _missing(motion: Motion, near: slice, imu: pa.Table | None, events: pa.Table | None) -> Array:
-    """The most that clipping cut off, in vehicle axes: (n, 3) m/s^2; it happened in the axes of the box."""
-    t_ns, accel = motion.t_ns[near], motion.accel[near]
-    nothing = np.zeros_like(accel)
-    if imu is None or not any(a <= t_ns[-1] and b >= t_ns[0] for a, b in spans(events, "saturation")):
-        return nothing
-    logged, _ = measured_axes(imu, "accel")
-    rows = np.searchsorted(time_ns(imu), t_ns)
-    same = rows < imu.num_rows
-    same[same] = time_ns(imu)[rows[same]] == t_ns[same]
-    if not same.all():
-        return nothing
-    mask, t_s, part = clipped(logged, least=1.2 * STANDARD_GRAVITY)[rows], (t_ns - t_ns[0]) * 1e-9, logged[rows]
-    cut = np.stack([hidden(t_s, part[:, axis], mask[:, axis]) for axis in range(3)], axis=1)
-    return np.asarray(cut @ _turn(part, accel).T)
-
-
-def _turn(box: Array, vehicle: Array) -> Array:
-    """The rotation (3, 3) that takes the changes of one vector (n, 3) best to those of another. Kabsch (1976)."""
-    left, _, right = np.linalg.svd((vehicle - vehicle.mean(axis=0)).T @ (box - box.mean(axis=0)))
-    return np.asarray(left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ which way is forward, only sizes are told.
 
 The sigmas carry, by propagation (recon.numerics.budget), the noise before the impact, what is constant in the
 acceleration (bias and tilt, as far as the smoother says), scale errors, the mounting, the turn rate, the lever arm and
-the time zero; a pulse that the sensor clipped has bounds, with the value as recorded. The note of each number says how
-much of its sigma comes from where.
+the time zero. Of a pulse that the sensor clipped the trajectory tells how much was lost, by the speed before and after,
+and the interval spans how it may have been lost; where it does not, the value is as recorded and has bounds
+(recon.clipping). The note of each number says how much of its sigma comes from where.
 
 With several crashes the numbers are those of the severest one, by delta-V; events `impact` list all of them.
 
@@ -77,6 +78,10 @@ _SIZES: Final = (
     "phd",
     "ridedown",
 )
+_RESTORING: Final = "restoring"
+"""The share of a sigma that is there where what clipping cut off is told by the change of velocity."""
+_RESTORED: Final = "clipped: what was cut off is told by the speed before and after"
+_AS_RECORDED: Final = "clipped: as recorded, the interval holds what was cut off"
 _TOLD: Final = 3.0
 """Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
@@ -119,7 +124,7 @@ def analyze_crash(
     if motion is None or not found:
         why = "none was found" if motion is not None else "there are no accelerations"
         return _answer([], [Metric("impacts", 0.0, note=why)])
-    pulses = [(span, pulse_at(motion, span[0], imu, events)) for span in found]
+    pulses = [(span, pulse_at(motion, span[0], imu, events, trajectory, knots)) for span in found]
     impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
     known = Known(motion, trajectory, knots, metrics, params)
     told = [(span, pulse, _told(pulse, known.doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
@@ -216,7 +221,7 @@ def _budget(found: Uncertain, name: str) -> str:
     if name == "time_of_max" and found.high >= OLDEST_DELTA_V_S:
         notes.insert(0, f"perhaps behind the {1e3 * OLDEST_DELTA_V_S:.0f} ms looked at: the delta-V may still grow")
     if found.clipped:
-        notes.insert(0, "clipped: as recorded, the interval holds what was cut off")
+        notes.insert(0, _RESTORED if _RESTORING in found.shares else _AS_RECORDED)
     return "; ".join(notes)
 
 
@@ -243,7 +248,12 @@ def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> I
         yield warning("there is no gyro: the vehicle is taken not to turn during the impact")
     if (len(pulse.accel) - pulse.lead) * pulse.step_s < OLDEST_DELTA_V_S:
         yield warning("the log ends within 300 ms of time zero: the largest delta-V may lie behind its end")
-    if any(number.clipped for number in numbers.values()):
+    if len(pulse.restored):
+        yield warning(
+            "the accelerometer was clipped in the crash: what it lost is told by the speed before and after; peaks "
+            "depend on how it was lost, read their intervals"
+        )
+    elif any(number.clipped for number in numbers.values()):
         yield warning("the accelerometer was clipped in the crash: its numbers are as recorded, read the intervals")
 
 
@@ -253,7 +263,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=6,
+        version=7,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

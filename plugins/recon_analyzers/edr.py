@@ -95,8 +95,10 @@ def analyze_edr(
     learnt = [Metric("edr_number_of_events", float(len(found)), note="Multi-event, number of events")]
     for number, (zero_ns, end_ns) in enumerate(found, start=1):
         before += _before(trajectory, knots, number, zero_ns, params)
-        pulse = pulse_at(motion, zero_ns, imu, events) if motion is not None and motion.directed else None
-        if motion is not None and pulse is not None:
+        if motion is None or not motion.directed:
+            continue
+        pulse = pulse_at(motion, zero_ns, imu, events, trajectory, knots)
+        if pulse is not None:
             known = Known(motion, trajectory, knots, metrics, params)
             rows, largest = _after(pulse, known, number, zero_ns, end_ns)
             after += rows
@@ -229,7 +231,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="edr",
         summary="The table of an event data recorder (49 CFR 563), beside a recorder's own and GNSS.",
-        version=4,
+        version=5,
         params=EdrParams,
         run=analyze_edr,
         reads={

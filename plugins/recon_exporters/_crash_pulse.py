@@ -2,6 +2,8 @@
 
 delta-V = integral of the acceleration along axes of the vehicle from time zero (49 CFR 563; SAE J211-1 for CFC 60)
 
+What a clipped sensor lost is restored, where the speed before and after tells it (recon.clipping).
+
 Its horizontal size has a band of two sigma where the fuser tells how well changes of velocity are known (knots).
 """
 
@@ -14,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from recon.clipping import lost
 from recon.numerics.channel_class import channel_class
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
@@ -39,9 +42,7 @@ def pulse_charts(streams: Mapping[str, pa.Table], crash: Span, spans: list[Span]
         return ""
     window = Window(crash.start_ns - BEFORE_NS, crash.start_ns + AFTER_NS, crash.start_ns)
     shown = [span for span in spans if span.kind in ("crash", "saturation")]
-    return "".join(
-        figure(panel, window, shown, _GAP_S) for panel in _panels(felt, crash.start_ns, streams.get("knots"))
-    )
+    return "".join(figure(panel, window, shown, _GAP_S) for panel in _panels(felt, crash.start_ns, streams))
 
 
 def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
@@ -53,14 +54,19 @@ def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
     return imu if turned else None
 
 
-def _panels(felt: pa.Table, zero_ns: int, knots: pa.Table | None) -> Iterator[Panel]:
-    t_ns, accel, axes = _around(felt, zero_ns)
+def _panels(felt: pa.Table, zero_ns: int, streams: Mapping[str, pa.Table]) -> Iterator[Panel]:
+    knots = streams.get("knots")
+    t_ns, recorded, axes = _around(felt, zero_ns)
     if len(t_ns) < 3:
         return
+    cut = lost(t_ns, recorded, streams.get("imu"), streams.get("events"), felt, knots)
+    restored = cut is not None and len(cut.doubt) > 0
+    accel = recorded + cut.likely if cut is not None else recorded
     smooth = channel_class(accel, _CFC, median_rate(t_ns))
+    name = f"restored, CFC {_CFC}" if restored else f"CFC {_CFC}"
     force = [
-        *(Curve(f"{n}, as recorded", f"raw {r}", t_ns, accel[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
-        *(Curve(f"{n}, CFC {_CFC}", r, t_ns, smooth[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
+        *(Curve(f"{n}, as recorded", f"raw {r}", t_ns, recorded[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
+        *(Curve(f"{n}, {name}", r, t_ns, smooth[:, i] / STANDARD_GRAVITY) for i, (n, r) in axes),
     ]
     yield Panel("pulse_accel", "Acceleration, time after time zero", "g", "crash", force, levels=(0.0,))
     after = t_ns >= zero_ns
@@ -74,16 +80,16 @@ def _panels(felt: pa.Table, zero_ns: int, knots: pa.Table | None) -> Iterator[Pa
 
 
 def _around(felt: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array, list[tuple[int, tuple[str, str]]]]:
-    """Times (n,) ns and accelerations (n, 2) m/s^2 of the vehicle, and which axes were measured.
+    """Times (n,) ns and accelerations (n, 3) m/s^2 of the vehicle, and which horizontal axes were measured.
 
     Some more than is shown, for the filter's ends.
     """
     t_ns = time_ns(felt)
     first, last = np.searchsorted(t_ns, [zero_ns - BEFORE_NS - _PADDING_NS, zero_ns + AFTER_NS + _PADDING_NS])
     accel, unmeasured = measured_axes(felt.slice(int(first), int(last - first)), "accel")
-    known = np.isfinite(accel[:, :2]).all(axis=1)
+    known = np.isfinite(accel).all(axis=1)
     axes = [axis for axis in enumerate(_NAMES) if f"accel_{'xy'[axis[0]]}" not in unmeasured]
-    return t_ns[first:last][known], accel[known, :2], axes
+    return t_ns[first:last][known], accel[known], axes
 
 
 def _sigma(felt: pa.Table, knots: pa.Table | None, t_ns: NDArray[np.int64]) -> Array | None:
@@ -99,5 +105,5 @@ def _sigma(felt: pa.Table, knots: pa.Table | None, t_ns: NDArray[np.int64]) -> A
 
 
 def _gained(t_ns: NDArray[np.int64], accel: Array) -> Array:
-    """Change of velocity since the first row (n, 2) km/h."""
+    """Change of velocity since the first row (n, 3) km/h."""
     return np.asarray(3.6 * cumulative((t_ns - t_ns[0]) * 1e-9, accel, "trapezoid"))

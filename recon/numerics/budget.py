@@ -22,7 +22,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -52,14 +52,16 @@ class Pulse:
 
     accel : (n, 3) m/s^2, gravity removed; gyro : (n, 3) rad/s; step_s : s
     lead : number of samples before time zero
-    missing : (n, 3) m/s^2, the most that clipping may have cut off
+    clipped : (v, n, 3) m/s^2, other courses of what clipping cut off, less the one in accel; none where nothing was
+    restored : (j, n, 3) m/s^2, one sigma each of what accel has in place of that; none where it is as recorded
     """
 
     accel: Floats
     gyro: Floats
     step_s: float
     lead: int
-    missing: Floats
+    clipped: Floats
+    restored: Floats
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Doubt:
 class Uncertain:
     """A number with what is known of it: sigma, the interval (low, high) of 95 %, shares : sigma by source.
 
-    clipped : the interval spans what clipping may have hidden
+    clipped : what clipping cut off is in the interval
     """
 
     value: float
@@ -105,36 +107,36 @@ def propagate(pulse: Pulse, doubt: Doubt, measures: Measures, angles: tuple[str,
     moved = _moved(pulse, doubt)
     names = [name for name, _ in moved]
     noise = np.random.default_rng(0).standard_normal((_DRAWS, *pulse.accel.shape)) * doubt.noise
-    whole = pulse.accel + pulse.missing
-    accel = np.concatenate([np.stack([pulse.accel, whole, *(p.accel for _, p in moved)]), pulse.accel + noise])
-    yaw = np.stack([pulse.gyro[:, 2]] * 2 + [p.gyro[:, 2] for _, p in moved] + [pulse.gyro[:, 2]] * _DRAWS)
+    others = pulse.accel + pulse.clipped
+    accel = np.concatenate([pulse.accel[None], others, [p.accel for _, p in moved], pulse.accel + noise])
+    same = [pulse.gyro[:, 2]]
+    yaw = np.stack([*same * (1 + len(others)), *(p.gyro[:, 2] for _, p in moved), *same * _DRAWS])
     found = measures(accel, yaw)
-    clips = bool(np.any(pulse.missing))
-    return {name: _one(values, names, name in angles, clips) for name, values in found.items()}
+    return {name: _one(values, names, name in angles, len(others)) for name, values in found.items()}
 
 
-def _one(values: Floats, names: list[str], angle: bool, clips: bool) -> Uncertain:
-    """From the values of all variants: nominal, unclipped, pairs by source, draws of noise."""
+def _one(values: Floats, names: list[str], angle: bool, courses: int) -> Uncertain:
+    """From the values of all variants: nominal, other courses of what was clipped, pairs by source, draws of noise."""
     nominal = float(values[0])
     off = values - nominal
     if angle:
         off = (off + 180.0) % 360.0 - 180.0
     off = np.where(np.isfinite(off), off, 0.0)
     variance: dict[str, float] = {}
+    clipped, moved, drawn = np.split(off[1:], [courses, courses + len(names)])
     for i, name in enumerate(names[::2]):
-        variance[name] = variance.get(name, 0.0) + float((off[2 + 2 * i] - off[3 + 2 * i]) ** 2) / 4.0
-    drawn = off[2 + len(names) :]
+        variance[name] = variance.get(name, 0.0) + float((moved[2 * i] - moved[2 * i + 1]) ** 2) / 4.0
     variance["noise"] = float(drawn.var(ddof=1))
     sigma = float(np.sqrt(sum(variance.values())))
-    shift, hidden = float(drawn.mean()), float(off[1]) if clips else 0.0
+    shift, below, above = float(drawn.mean()), float(clipped.min(initial=0.0)), float(clipped.max(initial=0.0))
     shifts = (shift, _NOTHING_BUT_NOISE * shift) if abs(shift) > _PLAIN * sigma else (shift, shift)
-    low = min(nominal - max(shifts) - NORMAL_95 * sigma + min(hidden, 0.0), nominal)
-    high = max(nominal - min(shifts) + NORMAL_95 * sigma + max(hidden, 0.0), nominal)
+    low = min(nominal - max(shifts) - NORMAL_95 * sigma + below, nominal)
+    high = max(nominal - min(shifts) + NORMAL_95 * sigma + above, nominal)
     shares = {name: float(np.sqrt(v)) for name, v in variance.items()}
-    if hidden:
-        shares["clipping"] = abs(hidden) / np.sqrt(12.0)
+    if above > below:
+        shares["clipping"] = (above - below) / np.sqrt(12.0)
         sigma = float(np.hypot(sigma, shares["clipping"]))
-    return Uncertain(nominal, sigma, low, high, shares, bool(hidden))
+    return Uncertain(nominal, sigma, low, high, shares, above > below or "restoring" in shares)
 
 
 def _moved(pulse: Pulse, doubt: Doubt) -> list[tuple[str, Pulse]]:
@@ -143,9 +145,10 @@ def _moved(pulse: Pulse, doubt: Doubt) -> list[tuple[str, Pulse]]:
 
     def pair(name: str, accel: Floats, gyro: Floats | None = None) -> None:
         turn = np.zeros_like(pulse.gyro) if gyro is None else gyro
-        for sign in (1.0, -1.0):
-            moved = Pulse(pulse.accel + sign * accel, pulse.gyro + sign * turn, pulse.step_s, pulse.lead, pulse.missing)
-            found.append((name, moved))
+        found.extend(
+            (name, replace(pulse, accel=pulse.accel + sign * accel, gyro=pulse.gyro + sign * turn))
+            for sign in (1.0, -1.0)
+        )
 
     still, up = np.zeros_like(pulse.accel), np.array([0.0, 0.0, 1.0])
     for axis in np.eye(3):
@@ -155,11 +158,13 @@ def _moved(pulse: Pulse, doubt: Doubt) -> list[tuple[str, Pulse]]:
     for name, matrices in axes_errors(doubt.axes, doubt.box).items():
         for matrix in matrices:
             pair(name, pulse.accel @ matrix.T)
+    for one_sigma in pulse.restored:
+        pair("restoring", one_sigma)
     pair("gyro", still, still + doubt.gyro_bias * up)
     pair("gyro", still, doubt.gyro_scale * pulse.gyro)
     for sign in (1.0, -1.0):
         early = shifted(pulse.accel, sign * doubt.time / pulse.step_s)
-        found.append(("timing", Pulse(early, pulse.gyro, pulse.step_s, pulse.lead, pulse.missing)))
+        found.append(("timing", replace(pulse, accel=early)))
     return found
 
 

@@ -7,6 +7,13 @@ usually have (4, 8, 16, 32 g) one sample is enough: a short pulse, seldom sample
 
 What was cut off lies between the plateau and the two lines by which the flanks would go on, as long as the peak is
 concave: the tangent of a concave curve lies above it.
+
+Where something else knows the change of velocity dv, as fixes before and after an impact do, it tells how much was cut
+off, and the plateau only when. The impulses x, an axis each, along d, of what was lost, l = dv less that recorded:
+
+    (D^T S^-1 D + P^-1) (x - b / 2) = D^T S^-1 (l - D b / 2),    l ~ N(D x, S),    x ~ N(b / 2, P = diag(b^2))
+
+with b the impulse of the most that the flanks allow.
 """
 
 from __future__ import annotations
@@ -89,3 +96,33 @@ def hidden(t_s: Floats, y: Floats, mask: NDArray[np.bool_]) -> Floats:
         if lines:
             missing[inside] = sign * np.maximum(np.min(lines, axis=0), 0.0)
     return missing
+
+
+def courses(t_s: Floats, most: Floats, mask: NDArray[np.bool_]) -> Floats:
+    """Two courses that what was cut off one axis may have taken, each with an impulse of 1 m/s: flat, and as `most`.
+
+    What is concave lies between them. Of several plateaus each has its share of the impulse of `most`.
+
+    t_s : (n,) s; most : (n,), as `hidden` tells it; mask : (n,), with a clipped sample
+    returns : (2, n) m/s^2, zero where nothing was clipped
+    """
+    step_s = np.gradient(t_s)
+    size = np.abs(most) if np.abs(most)[mask].any() else mask.astype(float)
+    flat, peaked = np.zeros_like(most), np.where(mask, size, 0.0)
+    for start, stop in runs(mask):
+        inside = slice(start, stop)
+        flat[inside] = (peaked * step_s)[inside].sum() / step_s[inside].sum()
+    return np.asarray(np.stack([flat, peaked]) / (peaked * step_s).sum())
+
+
+def impulses(lost: Floats, covariance: Floats, directions: Floats, most: Floats) -> tuple[Floats, Floats]:
+    """How much each axis lost by clipping: (k,) m/s, none less than nothing, and its covariance (k, k).
+
+    lost : (3,) m/s, S = covariance : (3, 3), of the change of velocity that was not recorded; directions : (3, k), D
+    most : (k,) m/s, b, above zero
+    """
+    normal = directions.T @ np.linalg.solve(covariance, directions) + np.diag(most**-2.0)
+    found = most / 2.0 + np.linalg.solve(
+        normal, directions.T @ np.linalg.solve(covariance, lost - directions @ most / 2.0)
+    )
+    return np.maximum(found, 0.0), np.linalg.inv(normal)

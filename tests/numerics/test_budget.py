@@ -12,7 +12,8 @@ STEP = 1e-3
 NOTHING = Doubt(np.zeros(3), np.zeros((6, 6)), np.eye(3), 0.0, 0.0, np.zeros(3), 0.0, np.zeros(3))
 ACCEL = np.zeros((301, 3))
 ACCEL[100:200] = [-50.0, 20.0, 0.0]
-PULSE = Pulse(ACCEL, np.zeros((301, 3)), STEP, 50, np.zeros((301, 3)))
+NONE = np.zeros((0, 301, 3))
+PULSE = Pulse(ACCEL, np.zeros((301, 3)), STEP, 50, NONE, NONE)
 
 
 def scaled(sigma: float) -> np.ndarray:
@@ -129,9 +130,24 @@ def test_angles_are_compared_the_short_way_round() -> None:
 def test_what_clipping_hid_widens_the_interval_on_its_side_alone() -> None:
     missing = np.zeros_like(ACCEL)
     missing[140:160, 0] = -30.0
-    found = propagate(replace(PULSE, missing=missing), NOTHING, gained)["x"]
+    found = propagate(replace(PULSE, clipped=missing[None]), NOTHING, gained)["x"]
     assert (found.value, found.high) == (pytest.approx(-5.0), pytest.approx(-5.0))
     assert found.low == pytest.approx(-5.6)
+    assert found.clipped
+
+
+def test_what_was_restored_is_as_wrong_as_it_is_known_and_as_its_courses_allow() -> None:
+    one_sigma, flat = np.zeros_like(ACCEL), np.zeros_like(ACCEL)
+    one_sigma[140:160, 0] = 10.0
+    flat[140:160, 0] = 5.0
+    found = propagate(replace(PULSE, clipped=np.stack([flat, -flat]), restored=one_sigma[None]), NOTHING, gained)["x"]
+    assert found.value == pytest.approx(-5.0)
+    assert found.shares["restoring"] == pytest.approx(0.2)
+    assert found.shares["clipping"] == pytest.approx(0.2 / np.sqrt(12.0))
+    assert (found.low, found.high) == (
+        pytest.approx(-5.1 - 1.96 * 0.2, abs=1e-3),
+        pytest.approx(-4.9 + 1.96 * 0.2, abs=1e-3),
+    )
     assert found.clipped
 
 

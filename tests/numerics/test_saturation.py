@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recon.numerics.saturation import clipped, hidden
+from recon.numerics.saturation import clipped, courses, hidden, impulses
 
 T_S = np.arange(400) / 1000.0
 PULSE = 250.0 * np.sin(np.pi * T_S / 0.4) ** 2
@@ -59,3 +59,40 @@ def test_a_short_pulse_of_few_samples_is_clipped_where_a_range_usually_ends(rang
     cut = np.minimum(y, limit)
     np.testing.assert_array_equal(np.flatnonzero(clipped(cut[:, None])[:, 0]), [21, 22])
     assert not clipped(np.minimum(y, 1.03 * limit)[:, None]).any()
+
+
+@pytest.mark.parametrize("steep", [True, False])
+def test_courses_have_an_impulse_of_one_and_share_it_between_plateaus(steep: bool) -> None:
+    t_s = np.cumsum(np.random.default_rng(2).uniform(0.8e-3, 1.2e-3, 60))
+    mask = np.zeros(60, dtype=bool)
+    mask[10:16] = mask[40:44] = True
+    most = np.where(mask, 30.0, 0.0) * np.r_[np.ones(30), 3.0 * np.ones(30)] * np.hanning(60) if steep else np.zeros(60)
+    flat, peaked = courses(t_s, most, mask)
+    step_s = np.gradient(t_s)
+    assert (flat * step_s).sum() == pytest.approx(1.0)
+    assert (peaked * step_s).sum() == pytest.approx(1.0)
+    assert not flat[~mask].any()
+    assert not peaked[~mask].any()
+    for run in (slice(10, 16), slice(40, 44)):
+        assert np.ptp(flat[run]) == 0.0
+        assert (flat * step_s)[run].sum() == pytest.approx((peaked * step_s)[run].sum())
+
+
+def test_impulses_are_those_of_all_samples_of_the_posterior() -> None:
+    """Against weighted draws of the prior, in which a lost change of velocity along two axes is told to 0.3 m/s."""
+    rng = np.random.default_rng(3)
+    directions = np.array([[0.8, -0.6], [0.6, 0.8], [0.0, 0.0]])
+    most, covariance = np.array([4.0, 1.0]), np.diag([0.09, 0.09, 1.0])
+    lost = directions @ [3.0, 0.4]
+    drawn = most / 2.0 + most * rng.standard_normal((400_000, 2))
+    off = lost - drawn @ directions.T
+    weight = np.exp(-0.5 * (off**2 / np.diag(covariance)).sum(axis=1))
+    mean = weight @ drawn / weight.sum()
+    found, spread = impulses(lost, covariance, directions, most)
+    np.testing.assert_allclose(found, mean, atol=5e-3)
+    np.testing.assert_allclose(spread, np.cov(drawn.T, aweights=weight), atol=3e-3)
+
+
+def test_nothing_was_lost_where_less_than_nothing_would_fit() -> None:
+    found, _ = impulses(np.array([-5.0, 0.0, 0.0]), 0.01 * np.eye(3), np.eye(3)[:, :1], np.array([2.0]))
+    assert found == [0.0]
