@@ -232,7 +232,7 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
     if hit:
         yield warning(
             f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} "
-            f"place{'s' * (len(hit) > 1)} during a crash: its size has bounds only"
+            f"place{'s' * (len(hit) > 1)} during a crash: what lies beyond was not recorded"
         )
 
 

@@ -142,7 +142,7 @@ def test_a_clipped_pulse_is_found() -> None:
     (row,) = [row for row in found["events"].to_pylist() if row["kind"] == "saturation"]
     assert row["value"] == pytest.approx(8 * G)
     assert "accel x" in row["note"]
-    assert "bounds only" in warnings_of(found["metrics"])[0]
+    assert "was not recorded" in warnings_of(found["metrics"])[0]
     assert "saturation" not in kinds(detected(t_s, accel))
 
 
