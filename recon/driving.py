@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -16,10 +17,16 @@ from recon.numerics.smoothing import Drive, Estimate, Impact, Model, Noise, esti
 from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import MOUNT
 from recon.rows import Metric
-from recon.tables import has, known_rows, matrix, seconds, select_rows, time_ns, vector
+from recon.tables import Array, has, known_rows, matrix, seconds, select_rows, time_ns, vector
 
 _FELT: Final = (5.0, 15.0)
 """m/s^2 between which the usual specific force of a vehicle lies, whatever the sensor's scale and bias."""
+
+
+_SPINNING: Final = np.radians(100.0)
+"""rad/s; no gyroscope's range ends below."""
+_APART_S: Final = 0.1
+"""Times at the end of a gyroscope's range that follow each other sooner are one."""
 
 
 def measured(imu: pa.Table) -> pa.Table:
@@ -53,7 +60,9 @@ def drive_of(
     accel = matrix(imu, "accel")
     try:
         cuts = tuple(t_s for impact in impacts for t_s in (impact.start_s, impact.end_s))
-        samples = regular_samples(seconds(imu), matrix(imu, "gyro"), accel, cuts_s=cuts)
+        gyro, hidden_rate = matrix(imu, "gyro"), _hidden_rate(imu)
+        gyro = gyro if hidden_rate is None else gyro + 0.5 * hidden_rate
+        samples = regular_samples(seconds(imu), gyro, accel, cuts_s=cuts)
     except ValueError as error:
         raise DataError(f"the imu's record is too short: {error}", "give the whole drive") from error
     force = float(np.median(np.sqrt((accel**2).sum(axis=1))))
@@ -79,16 +88,24 @@ def drive_of(
 
 
 def impacts_of(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip_s: float) -> tuple[Impact, ...]:
-    """The impacts of a drive, for the smoother. What clipping may have hidden counts as missed.
+    """The impacts of a drive, and when it turned faster than the gyroscope tells, for the smoother.
 
-    imu : accel m/s^2, specific force; crashes : (start, end) in ns since 1970
+    What clipping may have hidden of an impact counts as missed; half of it as turned, and as its sigma, of a turn.
+
+    imu : accel m/s^2, specific force, gyro rad/s; crashes : (start, end) in ns since 1970
     error : share of a change of velocity that the IMU misses, by what no scale error explains; slip_s : s, as in Impact
     """
-    if not crashes or not imu.num_rows:
+    if not imu.num_rows:
         return ()
+    found = [*_pushes(imu, crashes, error, slip_s), *_spins(imu, slip_s)]
+    return tuple(sorted(found, key=lambda impact: impact.start_s))
+
+
+def _pushes(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip_s: float) -> Iterator[Impact]:
+    if not crashes:
+        return
     t_ns, accel = time_ns(imu), matrix(imu, "accel")
     mask = clipped(accel, least=_FELT[1])
-    found = []
     for start_ns, end_ns in crashes:
         rows = slice(*np.searchsorted(t_ns, [start_ns, end_ns + 1]))
         if rows.stop - rows.start < 2:
@@ -97,8 +114,32 @@ def impacts_of(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip
         cut = np.stack([hidden(t_s, part[:, axis], mask[rows, axis]) for axis in range(3)], axis=1)
         pushed = part - np.median(accel, axis=0)
         change, missed = (float(np.linalg.norm(cumulative(t_s, y, "trapezoid")[-1])) for y in (pushed, cut))
-        found.append(Impact(float(t_s[0]), float(t_s[-1]), error * change + missed, slip_s))
-    return tuple(found)
+        yield Impact(float(t_s[0]), float(t_s[-1]), error * change + missed, slip_s)
+
+
+def _spins(imu: pa.Table, slip_s: float) -> Iterator[Impact]:
+    """What pushes the vehicle meanwhile is taken to point elsewhere by half of the turn that is not known."""
+    hidden_rate = _hidden_rate(imu)
+    if hidden_rate is None:
+        return
+    t_s, accel = seconds(imu), matrix(imu, "accel")
+    rows = np.flatnonzero(hidden_rate.any(axis=1))
+    for group in np.split(rows, np.flatnonzero(np.diff(t_s[rows]) > _APART_S) + 1):
+        part = slice(max(group[0] - 1, 0), group[-1] + 2)
+        turned, change = (
+            float(np.linalg.norm(cumulative(t_s[part], y[part], "trapezoid")[-1]))
+            for y in (0.5 * hidden_rate, accel - np.median(accel, axis=0))
+        )
+        yield Impact(float(t_s[part][0]), float(t_s[part][-1]), min(0.5 * turned, 1.0) * change, slip_s, turned)
+
+
+def _hidden_rate(imu: pa.Table) -> Array | None:
+    """The most that clipping may hide of the turn rate: (n, 3) rad/s, sensor; None where the gyroscope never clips."""
+    t_s, gyro = seconds(imu), matrix(imu, "gyro")
+    mask = clipped(gyro, least=_SPINNING)
+    if not mask.any():
+        return None
+    return np.stack([hidden(t_s, gyro[:, axis], mask[:, axis]) for axis in range(3)], axis=1)
 
 
 def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estimate:

@@ -54,6 +54,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
     notes += _misfit_of_imu(solved.noise, expected)
+    notes += _spun(found)
     if found.smoother.model.wheels and solved.noise.sideways > _SLIDING:
         notes.append(
             f"the wheels seem to slide sideways by {solved.noise.sideways:.2f} m/s in the mean of a second, where 0.05 "
@@ -61,6 +62,17 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             "and after by themselves, with --to and --from)? does it roll on wheels?"
         )
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
+
+
+def _spun(found: Estimate) -> list[str]:
+    """Did it turn faster than the gyroscope tells?"""
+    spins = [impact for impact in found.smoother.drive.impacts if impact.turn > 0.0]
+    return [
+        f"{spin.start_s:.0f} s after the start the gyroscope was at the end of its range for "
+        f"{spin.end_s - spin.start_s:.2f} s: it may have turned {np.degrees(2.0 * spin.turn):.0f} deg further, and the "
+        "heading behind it is only known as far as motion on wheels tells it"
+        for spin in spins
+    ]
 
 
 def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:

@@ -29,13 +29,15 @@ class Disturbances:
     """Of the K intervals between knots.
 
     gap_s : (K,) s of silence; walk_s : (K,) s in which biases walk
-    gap, pushed : (K,) s and m^2/s^3, what gaps, per squared rate or force, and impacts add to squared densities
+    gap : (K,) s, what gaps add to squared densities, per squared rate or force
+    pushed, spun : (K,) m^2/s^3 and rad^2/s, what impacts add to those of accelerometer and gyro
     """
 
     gap_s: Floats
     walk_s: Floats
     gap: Floats
     pushed: Floats
+    spun: Floats
 
     @classmethod
     def of(cls, samples: Samples, impacts: tuple[Impact, ...]) -> Disturbances:
@@ -43,27 +45,30 @@ class Disturbances:
         knots = samples.knot_times
         length = np.diff(knots)
         gap_s = (np.diff(samples.t_s) * samples.filled).reshape(samples.intervals, -1).sum(axis=1)
-        inside, pushed = _impacts(knots, impacts)
+        inside, pushed, spun = _impacts(knots, impacts)
         return cls(
             gap_s=gap_s,
             walk_s=np.where(inside, _FROZEN * length, length),
             gap=(gap_s * np.minimum(gap_s / _GAP_FAR_S, 1.0)) ** 2 / length,
             pushed=pushed,
+            spun=spun,
         )
 
     def densities(self, noise: Noise) -> tuple[Floats, Floats]:
         """Noise of gyro and accelerometer in each interval: (K,) rad/s/sqrt(Hz), (K,) m/s^2/sqrt(Hz)."""
-        gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap)
+        gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap + self.spun)
         return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap + self.pushed)
 
 
-def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats]:
-    """Which intervals lie in impacts, and what is added to the accelerometer's squared noise density there: (K,)."""
+def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats, Floats]:
+    """Which intervals lie in impacts, and what they add to squared densities of accelerometer and gyro: (K,) each."""
     middle = 0.5 * (knots[1:] + knots[:-1])
-    inside, added = np.zeros(len(middle), dtype=bool), np.zeros(len(middle))
+    inside, pushed, spun = np.zeros(len(middle), dtype=bool), np.zeros(len(middle)), np.zeros(len(middle))
     for impact in impacts:
         here = (middle > impact.start_s) & (middle < impact.end_s)
         here &= np.diff(knots) <= impact.end_s - impact.start_s + _NEAR_S
         inside |= here
-        added[here] += impact.velocity**2 / max(float(np.diff(knots)[here].sum()), _NEAR_S)
-    return inside, added
+        lasting = max(float(np.diff(knots)[here].sum()), _NEAR_S)
+        pushed[here] += impact.velocity**2 / lasting
+        spun[here] += impact.turn**2 / lasting
+    return inside, pushed, spun

@@ -92,10 +92,10 @@ class Model:
 
 @dataclass(frozen=True)
 class Impact:
-    """A time in which the vehicle is pushed, and what that does to the model.
+    """A time in which the vehicle is pushed, or turns faster than the gyroscope tells, and what that does to the model.
 
     start_s, end_s : s; knots stand there, and biases do not change in between
-    velocity : m/s, sigma of what the IMU misses of the change of velocity
+    velocity, turn : m/s and rad, sigmas of what the IMU misses of the changes of velocity and attitude
     slip_s : s after the end in which wheels may slip, unless it stands before
     """
 
@@ -103,6 +103,7 @@ class Impact:
     end_s: float
     velocity: float
     slip_s: float
+    turn: float = 0.0
 
 
 @dataclass(frozen=True)
