@@ -151,7 +151,8 @@ def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estima
             f"the log does not determine a trajectory: {error}", "are the units and the clocks of imu and gnss right?"
         ) from error
     except ValueError as error:
-        raise DataError(f"there is no motion to find the heading: {error}", "give a log of a drive") from error
+        hint = "give a log of a drive; of a crash alone 'recon run crash_pulse LOG' tells how severe it was"
+        raise DataError(f"there is no motion to find the heading: {error}", hint) from error
 
 
 def mounting_metrics(found: Estimate) -> list[Metric]:

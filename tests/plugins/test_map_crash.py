@@ -10,9 +10,9 @@ import pytest
 from map_drives import fused
 
 from recon.driving import impacts_of
-from recon.numerics.rotation import angle
+from recon.numerics.rotation import angle, conjugate, from_rotvec, multiply, rotate
 from recon.rows import spans, warnings_of
-from recon.tables import Streams, matrix, time_ns, vector
+from recon.tables import Streams, matrix, replace, time_ns, vector
 from recon_detectors.crash import CrashParams, crash
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -106,3 +106,25 @@ def test_a_gyroscope_within_its_range_is_believed() -> None:
     log = wreck(3, spin=3.0, direction=1.0)
     assert all(impact.turn == 0.0 for impact in impacts_of(log["imu"], spans(log["events"], "crash"), 0.01, 10.0))
     assert not any("end of its range" in text for text in warnings_of(fused(log)["metrics"]))
+
+
+@pytest.mark.parametrize("turns", [0.25, 0.5, 1.5])
+def test_a_vehicle_that_rolls_over_is_followed(turns: float) -> None:
+    """Onto its side, its roof, and one and a half times: no road is level there, and no wheel binds."""
+    log = wreck(6, direction=1.2, accel_bias=0.0, gyro_bias=0.0)  # which would roll with the box
+    ((start, _),) = spans(log["events"], "crash")
+    share = np.clip((time_ns(log["imu"]) - start - 200_000_000) / 1.5e9, 0.0, 1.0)
+    about = np.array([2.0 * np.pi * turns, 0.0, 0.0])
+    q_rolled = from_rotvec((share**2 * (3.0 - 2.0 * share))[:, None] * about)
+    accel, gyro = (rotate(conjugate(q_rolled), matrix(log["imu"], name)) for name in ("accel", "gyro"))
+    gyro += (6.0 * share * (1.0 - share) / 1.5)[:, None] * about
+    found = fused({**log, "imu": replace(log["imu"], accel=accel, gyro=gyro)})
+    assert warnings_of(found["metrics"]) == []
+    one, true = found["trajectory"], log["reference"]
+    for t_ns in (start - 1_000_000_000, start + 1_000_000_000, start + 3_000_000_000):
+        row, same = (int(np.searchsorted(time_ns(table), t_ns)) for table in (one, true))
+        at = int(np.searchsorted(time_ns(log["imu"]), t_ns))
+        off = angle(matrix(one, "q")[row], multiply(matrix(true, "q")[same], q_rolled[at]))
+        sigma = np.linalg.norm([vector(one, f"att_std_{name}")[row] for name in ("roll", "pitch", "yaw")])
+        assert off < 3.0 * sigma
+        assert np.linalg.norm(matrix(one, "vel")[row] - matrix(true, "vel")[same]) < 0.15
