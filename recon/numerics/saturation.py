@@ -2,8 +2,10 @@
 
 A sensor that reaches the end of its range repeats that value exactly. So does the smooth top of a peak that is
 quantised, but a parabola that stays L samples within one quantum falls by eight quanta in the next L. A plateau at the
-extreme of an axis counts as clipped where it falls by three times as much. At the end of a range that accelerometers
-usually have (4, 8, 16, 32 g) one sample is enough: a short pulse, seldom sampled, may leave no more.
+extreme of an axis counts as clipped where it falls by three times as much. Two samples are the same by chance, too: two
+at the top of a parabola that falls by D beside them differ by a quarter of that at most, so that of a hundred pairs one
+is the same at D = 400 quanta. At the end of a range that accelerometers usually have (4, 8, 16, 32 g) one sample is
+enough: a short pulse, seldom sampled, may leave no more.
 
 What was cut off lies between the plateau and the two lines by which the flanks would go on, as long as the peak is
 concave: the tangent of a concave curve lies above it.
@@ -28,7 +30,7 @@ from recon.numerics.signals import runs
 
 Floats = NDArray[np.float64]
 
-_FEWEST: Final = 3
+_FEWEST: Final = 2
 """Equal samples that make a plateau."""
 _USUAL: Final = STANDARD_GRAVITY * np.array([4.0, 8.0, 16.0, 32.0])
 """m/s^2, ends of ranges of accelerometers."""
@@ -36,8 +38,8 @@ _SAME: Final = 1e-6
 """Share of the extreme within which values are the same; arithmetic on equal numbers leaves them equal to rounding."""
 _NEAR: Final = 1e-3
 """The same of a range that is given, as data sheets round."""
-_STEEP: Final = 24.0
-"""Quanta by which the signal falls beside a clipped plateau, within its length."""
+_STEEP, _STEEP_PAIR = 24.0, 400.0
+"""Quanta by which the signal falls beside a clipped plateau, within its length, and beside one of two samples."""
 
 
 def clipped(y: Floats, full_scale: float | None = None, least: float = 0.0) -> NDArray[np.bool_]:
@@ -71,7 +73,8 @@ def _plateaus(y: Floats, least: float) -> NDArray[np.bool_]:
     quantum = float(step[step > _SAME * top].min(initial=top))
     for start, stop in long:
         ends = [y[max(2 * start - stop, 0)], y[min(2 * stop - start, len(y)) - 1]]
-        mask[start:stop] = top - np.nanmin(ends) > _STEEP * quantum
+        steep = _STEEP_PAIR if stop - start == _FEWEST and fewest == _FEWEST else _STEEP
+        mask[start:stop] = top - np.nanmin(ends) > steep * quantum
     return mask
 
 

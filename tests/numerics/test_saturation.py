@@ -51,6 +51,16 @@ def test_nothing_is_known_of_a_log_that_is_clipped_throughout() -> None:
     assert (hidden(T_S[:10], y, y > 0.0) == 0.0).all()
 
 
+@pytest.mark.parametrize(("quantum", "found"), [(0.005, [21, 22]), (1.0, [])])
+def test_two_samples_are_clipped_where_they_are_hardly_the_same_by_chance(quantum: float, found: list[int]) -> None:
+    """Of 24 g, which is no usual end of a range, in a log of 16 bits and in one of a decimal of g."""
+    limit = np.round(24.1 * 9.80665 / quantum) * quantum
+    y = np.random.default_rng(1).normal(0.0, 0.05, 50)
+    y[20:25] = [120.0, 1.2 * limit, 1.5 * limit, 170.0, 10.0]
+    cut = np.minimum(np.round(y / quantum) * quantum, limit)
+    np.testing.assert_array_equal(np.flatnonzero(clipped(cut[:, None])[:, 0]), found)
+
+
 @pytest.mark.parametrize("range_g", [8.0, 16.0])
 def test_a_short_pulse_of_few_samples_is_clipped_where_a_range_usually_ends(range_g: float) -> None:
     limit = range_g * 9.80665
@@ -58,7 +68,7 @@ def test_a_short_pulse_of_few_samples_is_clipped_where_a_range_usually_ends(rang
     y[20:25] = [40.0, 1.2 * limit, 1.5 * limit, 70.0, 10.0]
     cut = np.minimum(y, limit)
     np.testing.assert_array_equal(np.flatnonzero(clipped(cut[:, None])[:, 0]), [21, 22])
-    assert not clipped(np.minimum(y, 1.03 * limit)[:, None]).any()
+    assert not clipped(np.minimum(y, 1.3 * limit)[:, None]).any()  # a single sample elsewhere
 
 
 @pytest.mark.parametrize("steep", [True, False])
