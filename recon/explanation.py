@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +132,8 @@ def _link(step: PlannedStep, manifest: Mapping[str, Any]) -> Link:
     report: Mapping[str, Any] = next(
         (part for part in manifest["steps"] if part["id"] == step.id), {"rows": {}, "metrics": []}
     )
+    above = takewhile(lambda part: part["id"] != step.id, manifest["steps"])
+    there = {*APPENDED, *(stream for part in above for stream in part["rows"])}
     resolved = step.resolved()
     params = step.params.as_text()
     if isinstance(step.params, Delegation):
@@ -141,7 +144,7 @@ def _link(step: PlannedStep, manifest: Mapping[str, Any]) -> Link:
         version=step.stage.version,
         distribution=f"{resolved['distribution']} {resolved['distribution_version']}".strip(),
         params=params,
-        reads=tuple(dict.fromkeys(step.inputs.values())),
+        reads=tuple(dict.fromkeys(stream for stream in step.inputs.values() if stream in there)),
         writes=dict(report["rows"]),
         learnt=tuple(row for row in report["metrics"] if row["name"] != WARNING),
     )

@@ -127,6 +127,17 @@ def test_a_simulated_run_has_no_log(tmp_path):
     assert "there is no log" in found.missing
 
 
+def test_a_part_of_a_log_is_explained_by_its_lines_in_the_whole(logs):
+    log = logs / "physycom_crash" / "crash_01.txt"
+    pipeline = recon.Pipeline.of("x", "reader.auto", "detector.crash")
+    whole = explain(recon.run(pipeline, log), "crashes", [log])
+    part = explain(recon.run(pipeline, log, start="30 s", stop="75 s"), "crashes", [log])
+    (trim,) = (link for link in part.links if link.use == "filter.trim")
+    assert trim.reads == ("imu", "gnss", "events", "metrics")
+    imu, same = (next(rows for rows in found.rows if rows.stream == "imu") for found in (part, whole))
+    assert imu.lines == same.lines
+
+
 def test_the_real_crash_is_explained_to_the_line_of_its_time_zero(logs):
     """0.8 km/h in 20 ms begin nearest to this row; 60.276 s, 20 ms before the first row past them, is the next one."""
     log = logs / "physycom_crash" / "crash_01.txt"
