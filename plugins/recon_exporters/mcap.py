@@ -80,7 +80,7 @@ def _for_viewers(streams: Mapping[str, pa.Table], about: RunInfo, start_ns: int)
     found: list[Channel | None] = []
     for name, table in streams.items():
         if name in ("trajectory", "reference"):
-            found += [location_channel(f"/{name}/fix", table, VEHICLE)]
+            found += [location_channel(f"/{name}/fix", table, VEHICLE if name == "trajectory" else name)]
             found += pose_channels(name, table, moves=name == "trajectory")
         if unnumbered(name) == "gnss":
             found += [location_channel(f"/{name}/fix", table, name)]

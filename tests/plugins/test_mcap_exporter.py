@@ -154,6 +154,13 @@ def test_every_receiver_has_fixes_of_its_own(tmp_path):
     assert {unnumbered(fix.frame_id) for _, fix in found["/gnss_2/fix"]} == {"gnss"}
 
 
+def test_a_fix_names_the_frame_whose_origin_it_is(tmp_path):
+    """The reference is not where /tf says that the vehicle is."""
+    found = decoded(export(tmp_path, {"trajectory": random_drive(2), "reference": random_drive(2), "gnss": fixes([0])}))
+    named = {topic: messages[0][1].frame_id for topic, messages in found.items() if topic.endswith("/fix")}
+    assert named == {"/trajectory/fix": "vehicle", "/reference/fix": "reference", "/gnss/fix": "gnss"}
+
+
 def imu(rows: int) -> pa.Table:
     """Doubles of random bits, of every exponent; where they are no number, they are missing."""
     accel = np.random.default_rng(1).integers(-(2**63), 2**63, size=(rows, 3), dtype=np.int64).view(np.float64)
