@@ -1,6 +1,6 @@
 """Figures for papers, as PNG or SVG, drawn by Matplotlib: what the report shows.
 
-    track         from above; east and north in m about the middle of the map
+    track         from above; east and north in m about the middle of the map, no wider than the track asks for
     motion        speed, accelerations and turn rate over time
     attitude      heading, pitch, roll and height over time
     uncertainty   sigma of the position over time
@@ -43,6 +43,14 @@ from recon_exporters._words import words
 _INCH: Final = 0.0254
 _PANEL_HEIGHT: Final = 0.036
 """Of a panel over time, m."""
+_TALLEST: Final = 1.1
+"""Height of the track's figure, in widths of a page or column."""
+_NARROWEST: Final = 0.06
+"""Width of the track's figure, m, at least."""
+_MARGIN: Final = 0.015
+"""Beside the axes, m."""
+_LETTER, _TICK, _KEY = 0.0016, 0.014, 0.028
+"""Width of a letter of a label, of the number of a tick with what parts it from the next, of a name in the key, m."""
 _RC: Final[Any] = {
     "font.size": 8.0,
     "axes.linewidth": 0.6,
@@ -96,15 +104,17 @@ def _save(figure: Any, path: Path, params: PlotsParams) -> Path:
     return target
 
 
-def _figure(height: float, params: PlotsParams) -> Any:
+def _figure(width: float, height: float) -> Any:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(params.width / _INCH, height / _INCH), layout="constrained")
+    return Figure(figsize=(width / _INCH, height / _INCH), layout="constrained")
 
 
 def _track(tracks: Sequence[Track], placed: bool, params: PlotsParams) -> Any:
+    """From above; narrower than the other figures where the track is, which they would leave blank."""
     across, up = np.maximum(np.ptp(np.concatenate([one.xy for one in tracks]), axis=0), 1.0)
-    figure = _figure(params.width * float(np.clip(up / across, 0.4, 1.1)), params)
+    width = float(np.clip(params.width * _TALLEST * across / up, _NARROWEST, params.width))
+    figure = _figure(width, params.width * float(np.clip(up / across, 0.4, _TALLEST)))
     axes = figure.add_subplot()
     for one in tracks:
         begins = gaps(one.t_ns, params.max_gap)
@@ -112,15 +122,17 @@ def _track(tracks: Sequence[Track], placed: bool, params: PlotsParams) -> Any:
         axes.plot(x, y, label=one.name, gid=f"track:{one.name}", **_paint(one.role))
     axes.set_aspect("equal", adjustable="datalim")
     around = "of the middle of the track" if placed else "in the local frame"
-    axes.set(xlabel=f"east {around} [m]", ylabel="north [m]")
-    axes.legend(loc="best")
+    label = wrap(f"east {around} [m]", int((width - _MARGIN) / _LETTER))
+    axes.set(xlabel="\n".join(label), ylabel="north [m]")
+    axes.locator_params(axis="x", nbins=min(9, int(width / _TICK)))
+    figure.legend(loc="outside upper center", ncols=max(1, int(width / _KEY)))
     return figure
 
 
 def _over_time(panels: Sequence[Panel], spans: Sequence[Span], start_ns: int, params: PlotsParams) -> Any:
     from matplotlib.ticker import MultipleLocator
 
-    figure = _figure(_PANEL_HEIGHT * len(panels) + 0.012 + (0.006 if spans else 0.0), params)
+    figure = _figure(params.width, _PANEL_HEIGHT * len(panels) + 0.012 + (0.006 if spans else 0.0))
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(rows, panels, strict=True):
         _shade(axes, spans, start_ns)

@@ -18,7 +18,8 @@ from recon.errors import NothingToExport, PluginError
 from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon_exporters._panels import panels_of
-from recon_exporters.plots import PlotsParams, _over_time, declare_exporters, plots
+from recon_exporters._track_map import paths_of
+from recon_exporters.plots import PlotsParams, _over_time, _track, declare_exporters, plots
 
 SVG = "{http://www.w3.org/2000/svg}"
 T_S = np.arange(0, 30.01, 0.1)
@@ -121,3 +122,22 @@ def test_without_matplotlib_one_sentence_says_what_to_install(tmp_path, monkeypa
 def test_the_module_loads_without_matplotlib():
     code = "import recon_exporters.plots, sys; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("across_m", "along_m", "width_mm"),
+    [(0.0, 900.0, 60.0), (100.0, 220.0, 85.0), (900.0, 900.0, 170.0), (900.0, 0.0, 170.0)],
+)
+def test_the_figure_of_a_track_is_as_narrow_as_the_track_and_its_words_stand_inside(across_m, along_m, width_mm):
+    """A straight way to the north would leave a page blank: 1.1 widths of a page high, and 60 mm wide at least."""
+    share = np.linspace(0.0, 1.0, len(T_S))
+    place = np.column_stack((across_m * share, along_m * share, 0.0 * share))
+    tracks, _ = paths_of({"trajectory": drive(T_S, pos=place, lat=None, lon=None)})
+    figure = _track(tracks, True, PlotsParams())
+    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    words = [axes.xaxis.label, axes.yaxis.label, *figure.legends]
+    boxes = [part.get_window_extent() for part in words]
+    assert min(box.x0 for box in boxes) >= 0.0
+    assert max(box.x1 for box in boxes) <= figure.bbox.width
