@@ -132,6 +132,16 @@ def _shown(value: float | None) -> str:
     return "-" if value is None else rounded(value, digits=3)
 
 
+def _label(line: Any) -> None:
+    """Write the numbers of a logarithmic axis out: 1, 2 and 5 of each decade where it has no more than two."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = line.get_view_interval()
+    line.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high <= 1e2 * low else (1.0,)))
+    line.set_major_formatter(lambda value, _: f"{value:g}")
+    line.set_minor_formatter(NullFormatter())
+
+
 def _draw(path: Path, found: Allan) -> None:
     """Deviations with what was fitted. Raises PluginError without Matplotlib, StorageError."""
     import numpy as np
@@ -155,10 +165,12 @@ def _draw(path: Path, found: Allan) -> None:
             plot.loglog(
                 found.tau_s, size * axis.noise.deviation(found.tau_s), color=color, linewidth=0.8, linestyle=":"
             )
+        for line in (plot.xaxis, plot.yaxis):
+            _label(line)
         plot.set_title(title, fontsize=9)
         plot.set_xlabel("averaged over [s]")
         plot.set_ylabel(f"Allan deviation [{unit}]")
         plot.grid(color="#e4e6e8", which="both")
-        plot.legend(frameon=False, title="dotted: fitted", title_fontsize=7)
+        plot.legend(frameon=False, fontsize=8, title="dotted: fitted", title_fontsize=7)
     with staged_file(path) as partial:
         figure.savefig(partial, dpi=160, format=path.suffix[1:].lower())

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -74,6 +75,11 @@ def test_the_command_prints_terms_and_draws(tmp_path, capsys):
     assert main(["allan", str(kept), "--plot", str(plot)]) == 0
     assert "angle random walk" in capsys.readouterr().out
     assert plot.read_bytes()[:4] == b"\x89PNG"
+    drawn = plot.with_suffix(".svg")
+    assert main(["allan", str(kept), "--plot", str(drawn)]) == 0
+    capsys.readouterr()
+    written = set(re.findall(r"<!-- ([\d.]+) -->", drawn.read_text(encoding="utf-8")))
+    assert {"0.01", "0.1", "1", "0.02", "0.05", "100", "200", "500"} <= written  # numbers, not powers of ten
     assert main(["allan", str(kept), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [one["axis"] for one in told["terms"]] == [f"{s}_{a}" for s in ("gyro", "accel") for a in "xyz"]
