@@ -53,7 +53,7 @@ class Prepared:
         self.still_noise = still_noise(self.blocks, self.still)
         knots = samples.knot_times
         self.length = np.diff(knots)
-        self.disturbed = Disturbances.of(samples, drive.impacts)
+        self.disturbed = Disturbances.of(samples, drive.impacts, self.model.wheels)
         self.earth_rate_n = earth_rate_n(drive.anchor.lat)
         self.knot_rate = samples.gyro_s[:: samples.per_interval].T
         self.aids = [aid.at(knots) for aid in drive.aids]
