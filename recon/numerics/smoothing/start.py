@@ -31,6 +31,9 @@ _FOLLOWED_S: Final = 120.0
 _VECTORS: Final = ("vel_n", "pos_n", "gyro_bias", "accel_bias", "drift_n")
 _NO_HEADING: Final = 0.2
 """rad; doubt of the first heading that noise alone exceeds, and no drive."""
+_SHORT_GAP_S: Final = 3.0
+"""s of silence in which a vehicle turns so evenly that a heading carried through is better than what the accelerations
+of a few seconds tell: those of a slow start may have it drive backwards."""
 _JUMP: Final = 0.5
 """rad between knots that the IMU did not turn."""
 _MOVES_MUCH: Final = 0.2
@@ -78,8 +81,9 @@ def start_state(smoother: Smoother) -> State:
     if smoother.model.wheels:
         rot_ns = alignment.along_course(rot_ns, vel_n, known, segments)
     if len(segments) > 1:
-        told = _told(smoother, increments, rot_ns, (vel_n, known, pull_n, segments))
-        rot_ns = _carried(increments, rot_ns, told, segments)
+        by_course, by_force = _told(smoother, increments, rot_ns, (vel_n, known, pull_n, segments))
+        rot_ns, told = _carried(increments, rot_ns, by_course, segments, _SHORT_GAP_S)
+        rot_ns, _ = _carried(increments, rot_ns, told | by_force, segments, LONG_GAP_S)
     rot_vs = alignment.mounting(rot_ns, vel_n, known) if smoother.model.mounting is None else smoother.model.mounting
     pos_n = knot_positions(drive, knots, vel_n)
     if smoother.model.wheels and len(drive.wheel_t_s) > 1:
@@ -121,23 +125,30 @@ def _told(
     increments: Increments,
     rot_ns: Floats,
     seen: tuple[Floats, NDArray[np.bool_], Floats, list[slice]],
-) -> NDArray[np.bool_]:
-    """Knots whose heading is told by the motion of their segment, (N,). seen : as `align` takes."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Knots whose heading is told by the course in their segment, and by its accelerations: (N,) each.
+
+    seen : as `align` takes
+    """
     vel_n, known, _, segments = seen
     moves = known & (np.hypot(vel_n[0], vel_n[1]) > alignment.CRUISING) & smoother.model.wheels
     jumps = np.abs(_yaw(mm(rot_ns[..., :-1], increments.rotation), rot_ns[..., 1:])) > _JUMP
-    told = np.zeros(len(known), dtype=bool)
+    by_course, by_force = moves.copy(), np.zeros(len(known), dtype=bool)
     for segment, sigma in zip(segments, alignment.heading_sigma(increments, rot_ns, *seen), strict=True):
         steady = not jumps[segment.start : segment.stop - 1].any()
-        told[segment] = moves[segment] | (steady and (moves[segment].any() or sigma < _NO_HEADING))
-    return told
+        by_course[segment] |= steady and moves[segment].any()
+        by_force[segment] = steady and sigma < _NO_HEADING
+    return by_course, by_force
 
 
-def _carried(increments: Increments, rot_ns: Floats, told: NDArray[np.bool_], segments: list[slice]) -> Floats:
+def _carried(
+    increments: Increments, rot_ns: Floats, told: NDArray[np.bool_], segments: list[slice], longest_s: float
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Attitudes, (3, 3, N), whose headings, where nothing tells them, are those of the knots before or behind, turned
     as the IMU turned: through gaps so short that their ends say how it did. Between two gaps the level is carried, too.
 
-    told : (N,); other arguments as of `alignment.align`
+    told : (N,); longest_s : s, of a gap; other arguments as of `alignment.align`
+    returns : beside them (N,) where heading is told or carried
     """
     out, done, count = rot_ns.copy(), told.copy(), len(told)
     level = np.zeros(count, dtype=bool)
@@ -146,7 +157,7 @@ def _carried(increments: Increments, rot_ns: Floats, told: NDArray[np.bool_], se
     for step, knots in ((1, range(1, count)), (-1, range(count - 2, -1, -1))):
         for to in knots:
             k = min(to, to - step)
-            if done[to] or not done[to - step] or increments.duration[k] > LONG_GAP_S:
+            if done[to] or not done[to - step] or increments.duration[k] > longest_s:
                 continue
             turn = increments.rotation[..., k] if step == 1 else increments.rotation[..., k].T
             rot = out[..., to - step] @ turn
@@ -154,7 +165,7 @@ def _carried(increments: Increments, rot_ns: Floats, told: NDArray[np.bool_], se
                 yaw = float(_yaw(rot[..., None], out[..., to, None])[0])
                 rot = rotation_exp(np.array([[0.0], [0.0], [yaw]]))[..., 0] @ out[..., to]
             out[..., to], done[to] = rot, True
-    return out
+    return out, done
 
 
 def _yaw(of: Floats, other: Floats) -> Floats:
