@@ -305,3 +305,14 @@ def test_an_imu_that_is_silent_every_20_s_keeps_its_heading(seed):
     heading = np.abs(errors(streams, result).turn[:, 2])
     assert (heading < 4.0 * vector(trajectory, "att_std_yaw"))[speed > 3.0].all()
     assert not any("not converged" in note for note in warnings_of(result["metrics"]))
+
+
+@pytest.mark.parametrize("seed", [6306, 6307, 6308, 6317])
+def test_an_imu_that_is_silent_every_10_s_converges_and_drives_ahead(seed):
+    def edit(s):
+        return {**s, "imu": select_rows(s["imu"], seconds(s["imu"]) % 10.0 < 8.0)}
+
+    streams = drive("mixed", seed=seed, duration=300.0)
+    result = fused(streams, edit)
+    assert np.degrees(np.abs(errors(streams, result).turn[:, 2]).max()) < 30.0
+    assert not any("not converged" in note for note in warnings_of(result["metrics"]))
