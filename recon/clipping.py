@@ -71,7 +71,7 @@ def lost(
     flat, peaked = np.zeros_like(accel), most @ plateaus.rot_vs.T
     for start_ns, stop_ns in spans(events, "crash"):
         inside = (t_ns >= start_ns) & (t_ns <= stop_ns)
-        change = _change(t_ns, accel, inside, trajectory, knots) if mask[inside].any() else None
+        change = unrecorded(t_ns, accel, inside, trajectory, knots) if mask[inside].any() else None
         parts = plateaus.filled(inside, change) if change is not None else None
         if parts is not None:
             flat[inside], peaked[inside], one_sigma = parts
@@ -80,7 +80,7 @@ def lost(
     return Lost(likely, np.stack([flat, peaked]) - likely, np.concatenate(doubt))
 
 
-class _Change(NamedTuple):
+class Unrecorded(NamedTuple):
     """How much of a change of velocity was not recorded: (3,) m/s, its covariance, and (n, 3, 3) vehicle to local."""
 
     lost: Array
@@ -98,7 +98,7 @@ class _Plateaus:
     mask: NDArray[np.bool_]
     rot_vs: Array
 
-    def filled(self, inside: NDArray[np.bool_], change: _Change) -> tuple[Array, Array, Array] | None:
+    def filled(self, inside: NDArray[np.bool_], change: Unrecorded) -> tuple[Array, Array, Array] | None:
         """Two courses of what was lost in some rows (m, 3), and one sigma of each impulse (k, n, 3), m/s^2, vehicle.
 
         None where the change of velocity does not tell it.
@@ -118,10 +118,13 @@ class _Plateaus:
         return flat, peaked, np.einsum("kj,kni->jni", np.linalg.cholesky(covariance), middle)
 
 
-def _change(
+def unrecorded(
     t_ns: Times, accel: Array, inside: NDArray[np.bool_], trajectory: pa.Table | None, knots: pa.Table | None
-) -> _Change | None:
-    """What the trajectory knows of a change of velocity beyond what was recorded; None where it knows nothing."""
+) -> Unrecorded | None:
+    """What the trajectory knows of a change of velocity beyond what was recorded; None where it knows nothing.
+
+    t_ns : (n,) ns since 1970; accel : (n, 3) m/s^2, vehicle, gravity removed; inside : (n,) rows of the change
+    """
     if trajectory is None or knots is None or knots.num_rows < 2:
         return None
     rows = _rows_at(trajectory, t_ns) if has(trajectory, "q") and has(trajectory, "vel") else None
@@ -134,7 +137,7 @@ def _change(
     t_s = (t_ns[inside] - t_ns[first]) * 1e-9
     recorded = cumulative(t_s, rotate(q_nv, accel)[inside], "trapezoid")[-1]
     error = np.eye(3) * float(_SCALE**2 * recorded @ recorded)
-    change = _Change(ends[1] - ends[0] - recorded, covariance + error, to_matrix(q_nv))
+    change = Unrecorded(ends[1] - ends[0] - recorded, covariance + error, to_matrix(q_nv))
     return change if np.isfinite(change.lost).all() and np.isfinite(covariance).all() else None
 
 

@@ -26,7 +26,7 @@ from recon import (
     time_ns,
     vector,
 )
-from recon.clipping import lost
+from recon.clipping import lost, unrecorded
 from recon.knots import VELOCITY, Knots
 from recon.numerics.budget import Doubt, Pulse
 from recon.numerics.geodesy import STANDARD_GRAVITY
@@ -198,6 +198,25 @@ class Known:
             time=_time_sigma(pulse, bias, noise),
             noise=noise,
         )
+
+    def closure(self, span: tuple[int, int]) -> tuple[float, float, float] | None:
+        """By how much a change of velocity exceeds what was recorded of it: m/s, its sigma, and how many sigmas it is.
+
+        None where no trajectory tells it.
+        """
+        margin = round(LEAD_S * 1e9)
+        near = slice(*np.searchsorted(self.motion.t_ns, [span[0] - margin, span[1] + margin]))
+        t_ns, accel = self.motion.t_ns[near], self.motion.accel[near]
+        inside = (t_ns >= span[0]) & (t_ns <= span[1])
+        if not inside.any():
+            return None
+        change = unrecorded(t_ns, accel, inside, self.trajectory, self.knots)
+        if change is None:
+            return None
+        size = float(np.linalg.norm(change.lost))
+        way = change.lost / max(size, np.finfo(float).tiny)
+        sigmas = float(np.sqrt(change.lost @ np.linalg.solve(change.covariance, change.lost)))
+        return size, float(np.sqrt(way @ change.covariance @ way)), sigmas
 
     def _axes(self, facts: Mapping[str, Any]) -> tuple[Array, Array]:
         """Covariance (6, 6) of scale errors and mounting, and the mounting (3, 3), as of recon.numerics.budget.Doubt.

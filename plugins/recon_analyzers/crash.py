@@ -82,6 +82,8 @@ _RESTORING: Final = "restoring"
 """The share of a sigma that is there where what clipping cut off is told by the change of velocity."""
 _RESTORED: Final = "clipped: what was cut off is told by the speed before and after"
 _AS_RECORDED: Final = "clipped: as recorded, the interval holds what was cut off"
+_SURE: Final = 4.0
+"""Sigmas beyond which a change of velocity was not recorded: simulated crashes that were are below 2."""
 _TOLD: Final = 3.0
 """Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
@@ -132,12 +134,27 @@ def analyze_crash(
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
     speed = _speed(speed_at(trajectory, span[0], knots), numbers["delta_v_resultant_max"], params)
-    rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion)]
+    rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion), *_closure(known, span, pulse)]
     return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
 
 
 def _answer(impacts: list[Event], rows: Iterable[Metric]) -> Streams:
     return {"events": events(impacts), "metrics": metrics(rows)}
+
+
+def _closure(known: Known, span: tuple[int, int], pulse: Pulse) -> Iterable[Metric]:
+    """What the speed before and after says of the sum of the accelerations, two roads to the same number."""
+    found = known.closure(span) if not len(pulse.restored) else None
+    if found is None:
+        return
+    size, sigma, sigmas = found
+    how, note = "trajectory less accelerations", "of delta-V, by the speed before and after"
+    yield Metric("delta_v_not_recorded", 3.6 * size, "km/h", 3.6 * sigma, method=how, note=note)
+    if sigmas > _SURE:
+        yield warning(
+            f"by the speed before and after, {3.6 * size:.1f} km/h of delta-V are not in the accelerations: was the "
+            "sensor near the end of its range, or the pulse sampled too slowly? do not trust the intervals"
+        )
 
 
 def _told(pulse: Pulse, doubt: Doubt, motion: Motion, params: CrashParams) -> dict[str, Uncertain]:
@@ -238,9 +255,10 @@ def _impact(span: tuple[int, int], numbers: Mapping[str, Uncertain]) -> Event:
 def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> Iterable[Metric]:
     rate_hz = 1.0 / pulse.step_s
     if rate_hz < LEAST_RATE * 60:
+        delta_v = "delta-V is not affected" if rate_hz >= severity.LEAST_DELTA_V_RATE else "delta-V is wrong, too"
         yield warning(
             f"CFC 60 wants {LEAST_RATE * 60:.0f} samples per second, here are {rate_hz:.0f}: "
-            "vibration may be aliased into the peaks, or peaks be too low; delta-V is not affected"
+            f"vibration may be aliased into the peaks, or peaks be too low; {delta_v}"
         )
     if not motion.directed:
         yield warning("it is not known which way is forward: only sizes are told; turn imu into the vehicle first")

@@ -48,6 +48,7 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
 from recon.numerics.moving_window import moving_average
 from recon.numerics.saturation import clipped
+from recon.numerics.severity import LEAST_DELTA_V_RATE
 from recon.numerics.signals import interpolate, median_rate, runs
 from recon.tables import measured_axes, schema_of
 
@@ -213,8 +214,11 @@ def _saturations(t_ns: NDArray[np.int64], mask: NDArray[np.bool_], accel: Array)
 def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], clips: list[Event]) -> Iterable[Metric]:
     rate_hz = median_rate(t_ns)
     yield Metric("sampling_rate", rate_hz, "Hz", note="median")
-    if rate_hz < _LEAST_RATE:
-        yield warning(f"{rate_hz:.0f} samples per second are too few for crashes: a pulse may lie between two of them")
+    if rate_hz < (LEAST_DELTA_V_RATE if crashes else _LEAST_RATE):
+        yield warning(
+            f"{rate_hz:.0f} samples per second are too few for crashes: a pulse may lie between two of them, and no "
+            "interval knows what it held there"
+        )
     for event in falls:
         after = (event.start_ns - int(t_ns[0])) * 1e-9
         yield warning(

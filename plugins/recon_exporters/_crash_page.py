@@ -37,6 +37,7 @@ _TITLES: Final[Mapping[str, str]] = {
     "oiv_long": "Occupant impact velocity, longitudinal",
     "oiv_lat": "Occupant impact velocity, lateral",
     "ridedown": "Occupant ridedown acceleration",
+    "delta_v_not_recorded": "Delta-V beyond what was recorded",
 }
 _ANOTHER: Final = (
     '<p class="hint">Delta-V here is the largest within 300 ms of time zero. The event <i>crash</i> tells the largest '

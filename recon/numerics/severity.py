@@ -33,6 +33,8 @@ FLAIL_AHEAD: Final = 0.6
 FLAIL_ASIDE: Final = 0.3
 """m to the walls of the box in which head and occupant are free."""
 RIDEDOWN_S: Final = 0.01
+LEAST_DELTA_V_RATE: Final = 75.0
+"""Hz of samples that tell the delta-V of pulses of 70 to 150 ms: at 50 Hz their sum is 2.5 % off, at 75 Hz 0.4 %."""
 _ASI_LIMITS: Final = STANDARD_GRAVITY * np.array([12.0, 9.0, 10.0])
 _ASI_MEAN_S: Final = 0.05
 _ASI_HZ: Final = 13.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from map_drives import fused
 
 from recon.clipping import lost
 from recon.rows import spans, warnings_of
-from recon.tables import Streams, matrix, select_rows, time_ns
+from recon.tables import Streams, matrix, replace, select_rows, time_ns
 from recon_analyzers.crash import CrashParams, analyze_crash
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash
@@ -21,10 +22,11 @@ LIMIT = 8 * 9.80665
 DELTA_V = 11.0
 
 
-def wreck(**params: Any) -> Streams:
+def wreck(edit: Callable[[Streams], Streams] = dict, **params: Any) -> Streams:
     """A crash at 54 km/h of 11 m/s from ahead, whose peak of 22 g the sensor of 8 g does not see."""
     usual = {"motion": "crash", "sensors": "consumer_mems", "speed": 15.0, "delta_v": DELTA_V, "pulse": 0.1, "seed": 3}
     log = simulate_drive(DriveParams(**{**usual, "imu_rate": 200.0, "accel_full_scale": LIMIT, **params}))
+    log = edit(log)
     log["events"] = crash(imu=log["imu"], params=DetectorParams())["events"]
     return {**log, **fused(log), "events": log["events"]}
 
@@ -107,3 +109,22 @@ def test_what_was_recorded_is_not_changed(ahead: Streams) -> None:
     assert not cut.likely[rows < LIMIT * 0.999].any()
     assert (np.linalg.norm(cut.likely[rows >= LIMIT * 0.999], axis=1) > 1.0).all()
     assert lost(t_ns[near], accel, ahead["imu"], None) is None
+
+
+def test_a_pulse_that_was_recorded_closes_with_the_speed_before_and_after() -> None:
+    rows, warnings = numbers(wreck(accel_full_scale=100 * 9.80665))
+    assert rows["delta_v_not_recorded"]["value"] < 3.0 * rows["delta_v_not_recorded"]["sigma"] < 3.0
+    assert not any("not in the accelerations" in text for text in warnings)
+
+
+def test_a_sensor_that_reads_too_little_of_an_impact_is_told_by_the_speed_before_and_after() -> None:
+    """Nothing is clipped: towards 30 g it falls behind, by a tenth at the peak of this pulse."""
+
+    def lazy(log: Streams) -> Streams:
+        accel = matrix(log["imu"], "accel")
+        share = np.linalg.norm(accel, axis=1, keepdims=True) / (30 * 9.80665)
+        return {**log, "imu": replace(log["imu"], accel=accel * np.tanh(share) / share)}
+
+    rows, warnings = numbers(wreck(lazy, accel_full_scale=100 * 9.80665))
+    assert rows["delta_v_not_recorded"]["value"] > 4.0 * rows["delta_v_not_recorded"]["sigma"]
+    assert any("of delta-V are not in the accelerations" in text for text in warnings)
