@@ -250,9 +250,13 @@ def heading_sigma(
 def flip_needed(forward_velocity: Floats) -> bool:
     """Whether the vehicle came out back to front: it moves backwards for most of its way.
 
+    What is faster than usual counts as the usual, lest a few seconds that went astray outweigh a whole drive.
+
     forward_velocity : (n,) m/s along its x axis, evenly spaced in time
     """
-    return bool(forward_velocity.sum() < 0.0)
+    speed = np.abs(forward_velocity)
+    usual = np.median(speed[speed > CRUISING]) if speed.max(initial=0.0) > CRUISING else CRUISING
+    return bool(np.clip(forward_velocity, -usual, usual).sum() < 0.0)
 
 
 def vectors_of(

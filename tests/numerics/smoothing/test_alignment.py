@@ -160,3 +160,10 @@ def test_vehicle_that_mostly_reverses_is_flipped():
     assert not alignment.flip_needed(forward)
     assert alignment.flip_needed(-forward)
     assert not alignment.flip_needed(np.zeros(5))
+
+
+@pytest.mark.parametrize("astray", [-200.0, -2e4])
+def test_seconds_that_run_away_backwards_turn_no_drive(astray):
+    forward = np.concatenate([np.full(60, 12.0), np.full(5, astray), np.zeros(40), np.full(10, -1.0)])
+    assert not alignment.flip_needed(forward)
+    assert alignment.flip_needed(-forward)
