@@ -118,11 +118,30 @@ def test_what_is_wrong_is_said_in_recons_words(used):
     _, facts, _ = used
     assert facts["without a log"].strip() == "Error: Choose a log first"
     assert "no reader knows this file" in facts["not a log"]
+    assert facts["not a log"].count("rror: ") == 1  # Blender's own word for it
+
+
+def test_a_quotation_mark_that_is_not_closed_is_told_and_the_next_press_works(used):
+    _, facts, _ = used
+    assert facts["open quotation"].strip() == (
+        "Error: More: a quotation mark is not closed: fuser.weighted_average.weight='0.01"
+    )
+    assert facts["reconstruct"] == ["FINISHED"]
+
+
+def test_each_press_is_a_step_of_undo(used):
+    _, facts, _ = used
+    assert facts["undo"] == [["UNDO"], ["UNDO"]]
 
 
 def test_cancelled_work_ends_and_leaves_nothing(used):
     _, facts, _ = used
     assert facts["cancelled"] == [True, True, ["letter.txt"]]
+
+
+def test_work_ends_with_the_file_that_it_was_begun_in(used):
+    _, facts, _ = used
+    assert facts["left alone"] == [True, False, ["letter.txt"]]
 
 
 def test_blender_itself_imports_nothing_that_recon_brings(used):

@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 
@@ -46,6 +47,16 @@ def cancelled(log, folder):
     return [work.finished(), bool(work.failure()), sorted(path.name for path in folder.iterdir())]
 
 
+def left_alone(log, folder):
+    """What Blender leaves behind that opens another file while a button is at work."""
+    running, given = module_of("running"), bpy.context.window_manager.recon
+    words = ["run", "thesis", log, "--out", str(folder / "left alone")]
+    button = SimpleNamespace(work=running.Work.start(words, running.PACKAGES.search_path()))
+    given.running = True
+    module_of("operators").Reconstruct.cancel(button, bpy.context)
+    return [button.work.finished(), given.running, sorted(path.name for path in folder.iterdir())]
+
+
 def main(archive, log, folder):
     before = {name.partition(".")[0] for name in sys.modules}
     facts = {"installed": sorted(install(archive))}
@@ -56,7 +67,10 @@ def main(archive, log, folder):
     (folder / "letter.txt").write_text("Dear Sir or Madam,\n", encoding="utf-8")
     facts["not a log"] = pressed(bpy.ops.recon.reconstruct)
     facts["cancelled"] = cancelled(log, folder)
-    given.log, given.start, given.end, given.slow_motion = log, 55.0, 66.0, 5.0
+    facts["left alone"] = left_alone(log, folder)
+    given.log, given.more = log, "fuser.weighted_average.weight='0.01"
+    facts["open quotation"] = pressed(bpy.ops.recon.reconstruct)
+    given.more, given.start, given.end, given.slow_motion = "", 55.0, 66.0, 5.0
     facts["reconstruct"] = pressed(bpy.ops.recon.reconstruct)
     facts["scene"] = bpy.context.scene.name
     facts["told"] = bpy.data.texts["recon"].as_string()
@@ -72,6 +86,8 @@ def main(archive, log, folder):
     given.pipeline, given.lever_arm, given.wheels = "crash", (1.2, 0.0, 0.3), False
     facts["words"] = module_of("settings").run_words(given)
     facts["scenes"] = len(bpy.data.scenes)
+    rna = [getattr(bpy.types, f"RECON_OT_{name}").bl_options for name in ("reconstruct", "load_result")]
+    facts["undo"] = [sorted(options) for options in rna]
     facts["imported"] = sorted({name.partition(".")[0] for name in sys.modules} - before)
     (folder / "facts.json").write_text(json.dumps(facts), encoding="utf-8")
 

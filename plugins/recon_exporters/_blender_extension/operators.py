@@ -15,7 +15,7 @@ import bpy
 
 from .._blender import build
 from .running import PACKAGES, Work
-from .settings import absolute, export_words, result_of, run_words
+from .settings import absolute, export_words, more_words, result_of, run_words
 
 INTERVAL = 0.2
 """s between two looks at the process."""
@@ -37,7 +37,13 @@ class Task:
 
 def no_log(given: Any) -> str:
     """What has to be given before a log can be reconstructed; "" where it is there."""
-    return "" if given.log and absolute(given.log).exists() else "Choose a log first"
+    if not given.log or not absolute(given.log).exists():
+        return "Choose a log first"
+    try:
+        more_words(given)
+    except ValueError:
+        return f"More: a quotation mark is not closed: {given.more}"
+    return ""
 
 
 def no_run(given: Any) -> str:
@@ -47,8 +53,9 @@ def no_run(given: Any) -> str:
 
 
 class _Working:
-    """An operator that waits for recon and then builds the scene that it planned."""
+    """An operator that waits for recon and then builds the scene that it planned; one press is one step of undo."""
 
+    bl_options = frozenset({"UNDO"})
     task: Task
     work: Work
     timer: Any
@@ -84,14 +91,24 @@ class _Working:
         context.window_manager.event_timer_remove(self.timer)
         return self._end(context)
 
+    def cancel(self, context: Any) -> None:
+        """Called by Blender where it ends or opens another file: recon does not go on alone."""
+        self.work.cancel()
+        context.window_manager.recon.running = False
+
     def _begin(self, context: Any) -> bool:
         given = context.window_manager.recon
         missing = self.task.missing(given)
         if missing or given.running:
             self.report({"ERROR"}, missing or "It is running already")  # type: ignore[attr-defined]
             return False
+        try:
+            self.work = Work.start(self.task.words(given), PACKAGES.search_path())
+        except OSError as error:  # as of a full disk, where the wheels are unpacked
+            given.status = f"recon cannot be started: {error}"
+            self.report({"ERROR"}, given.status)  # type: ignore[attr-defined]
+            return False
         given.running, given.cancelled, given.progress, given.status = True, False, 0.0, "starting"
-        self.work = Work.start(self.task.words(given), PACKAGES.search_path())
         return True
 
     def _end(self, context: Any) -> set[str]:

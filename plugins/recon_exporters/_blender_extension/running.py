@@ -95,7 +95,8 @@ class Work:
             return ""
         first = next((row for row, line in enumerate(self.said) if "error: " in line), None)
         told = self.said[-3:] if first is None else self.said[first : first + 3]
-        return " ".join(line.strip() for line in told) or f"recon ended with exit code {self.process.returncode}"
+        words = [line.replace("error: ", "", 1).strip() for line in told]
+        return "; ".join(words) or f"recon ended with exit code {self.process.returncode}"
 
     def cancel(self) -> None:
         """End it; recon leaves nothing half-written."""

@@ -237,8 +237,13 @@ class Settings(bpy.types.PropertyGroup):
 def run_words(given: Settings) -> list[str]:
     """`recon` with these words reconstructs the log."""
     log, out = absolute(given.log), result_of(given)
-    chosen = words_of(given, given.pipeline, *FILM) + _set(shlex.split(given.more))
+    chosen = words_of(given, given.pipeline, *FILM) + more_words(given)
     return ["run", given.pipeline, str(log), "--out", str(out), "--overwrite", "--export", "blender", *chosen]
+
+
+def more_words(given: Settings) -> list[str]:
+    """`--set` for each of the further parameters. Raises ValueError where a quotation mark is not closed."""
+    return _set(shlex.split(given.more))
 
 
 def export_words(given: Settings) -> list[str]:
