@@ -98,7 +98,7 @@ def plan(
     keys, t_ns, position = _moving(motion, film, rows), motion.t_ns[rows], motion.position[rows]
     outages = silences(gnss, motion.t_ns, params.max_gap)
     keys |= path_of(position, to_euler(motion.q[rows])[0], motion.std[rows] * params.tube, during(t_ns, outages))
-    keys |= ground_of(keys["path_position"])
+    keys |= ground_of(keys["path_position"], keys["strip"])
     datum = str(meta(trajectory).get("height_datum", ""))
     keys |= fixes_of(gnss, film.shows, t_ns, position, origin, anchor_of(trajectory), datum)
     keys |= _second(ghost, film, origin, flat, trajectory)

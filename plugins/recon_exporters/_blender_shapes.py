@@ -8,8 +8,8 @@
     ground_x, ground_y, ground_z   (a,), (b,), (a, b) a smooth ground through the path's heights, flat far away
     fixes           (m, 3) GNSS fixes at the height of the path: what they say themselves of height is weak
 
-The ground is the mean of the heights of the path, weighted with 1 / (distance^2 + 1 m^2)^2 (Shepard 1968). It serves
-the eye only: no log knows the land.
+The ground is the mean of the heights of the path, weighted with 1 / (distance^2 + 1 m^2)^2 (Shepard 1968), but nowhere
+above the strip. It serves the eye only: no log knows the land.
 
 References
     Shepard (1968), "A two-dimensional interpolation function for irregularly-spaced data".
@@ -42,8 +42,8 @@ RUN_OUT: Final = 40.0
 CORNERS: Final = 12
 """Of the ellipses of a tube."""
 BELOW: Final = 0.25
-"""m by which the ground lies lower than the strip, so that it never covers it on a slope."""
-_GRID: Final = 64
+"""m by which the ground lies lower than the strip, at least."""
+_GRID: Final = 128
 """Lines of the ground across the path, in each direction."""
 _FAR: Final = np.array([30.0, 80.0, 200.0, 600.0, 2000.0, 6000.0])
 """m beyond the path where the ground has further lines."""
@@ -99,14 +99,18 @@ def _sides(point: Array) -> Array:
     return np.column_stack((-along[:, 1] * sign, along[:, 0] * sign, np.zeros(len(point))))
 
 
-def ground_of(point: Array) -> Arrays:
-    """The ground around a path of points (p, 3) m."""
+def ground_of(point: Array, strip: Array) -> Arrays:
+    """The ground around a path of points (p, 3) m and under its strip (s, 2, 3) m."""
     support = point[:: len(point) // _SUPPORT + 1]
     lines = [_lines(point[:, axis]) for axis in (0, 1)]
     x, y = np.meshgrid(*lines, indexing="ij")
     distance2 = (x[..., None] - support[:, 0]) ** 2 + (y[..., None] - support[:, 1]) ** 2
     weight = 1.0 / (distance2 + 1.0) ** 2
     z = (weight @ support[:, 2]) / weight.sum(axis=-1) - BELOW
+    edge = strip.reshape(-1, 3)
+    i, j = (np.searchsorted(line, edge[:, axis], side="right") for axis, line in enumerate(lines))
+    for corner in ((i, j), (i - 1, j), (i, j - 1), (i - 1, j - 1)):  # of the square of the ground under each point
+        np.minimum.at(z, corner, edge[:, 2] - BELOW)
     return {"ground_x": lines[0], "ground_y": lines[1], "ground_z": z}
 
 

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from exporter_tables import SECOND, START_NS, drive, fixes, happened
+from scipy.interpolate import RegularGridInterpolator
 
 from recon.errors import DataError, NothingToExport, PluginError
 from recon.manifest import RunInfo
@@ -203,6 +204,16 @@ def test_the_ground_lies_below_the_path_and_ends_far_away(tmp_path):
     beside = np.interp(keys["path_position"][:, 0], x, z[:, middle])
     # Points of a support lie 3 m apart; lines of the grid 10 m, in which the path rises 0.5 m.
     assert np.abs(keys["path_position"][:, 2] - beside).max() < 0.25 + 0.5 + 0.5
+
+
+def test_the_ground_is_nowhere_above_the_strip_of_a_long_drive_over_hills(tmp_path):
+    """30 km on, 30 m up and down again every 8 km: the squares of the ground are 230 m wide."""
+    t_s = np.arange(0.0, 1000.0, 0.1)
+    position = np.column_stack((30.0 * t_s, 500.0 * np.sin(t_s / 100.0), 30.0 * np.sin(t_s / 40.0)))
+    _, keys = export(tmp_path, straight(t_s, pos=position))
+    ground = RegularGridInterpolator((keys["ground_x"], keys["ground_y"]), keys["ground_z"])
+    strip = keys["strip"].reshape(-1, 3)
+    assert (strip[:, 2] - ground(strip[:, :2])).min() > 0.25 - 1e-9
 
 
 def test_the_tube_is_as_wide_and_high_as_the_sigmas_say(tmp_path):
