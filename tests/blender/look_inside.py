@@ -46,6 +46,7 @@ def main(folder, frames):
         for block in [*animated, bpy.data.node_groups["numbers"]]
         for name, values in keys_of(block).items()
     }
+    overview = bpy.data.objects["camera overview"]
     moments = {}
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 4, False
     scene.render.resolution_x, scene.render.resolution_y = 320, 180
@@ -65,6 +66,7 @@ def main(folder, frames):
         "fps": scene.render.fps,
         "frames": [scene.frame_start, scene.frame_end],
         "camera": scene.camera.name,
+        "overview": [overview.data.clip_end, overview.location.z],
         "objects": sorted(thing.name for thing in bpy.data.objects),
         "markers": [[mark.name, mark.frame] for mark in scene.timeline_markers],
         "properties": {

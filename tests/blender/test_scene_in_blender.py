@@ -109,6 +109,21 @@ def test_what_the_display_writes_changes_with_the_speed(seen):
     assert (np.ptp(fast[:, 1]) < 0.13, 0.03 < np.ptp(fast[:, 0]) < 0.235) == (True, True)
 
 
+def test_far_from_the_origin_the_display_reads_as_near_it_and_the_overview_sees_the_ground(program, tmp_path):
+    """36 km straight on at 40 m/s: beside each other the pictures at 1 s and at 200 s, 8 km on, differ in the time."""
+    t_s = np.arange(0.0, 900.0, 0.1)
+    place = 40.0 * np.outer(t_s, (1.0, 0.0, 0.0))
+    table = drive(t_s, pos=place, vel=np.gradient(place, t_s, axis=0), q=from_euler(0.0 * t_s, 0.0, 0.0))
+    params = BlenderParams(blender=program)
+    blender(trajectory=table, gnss=None, events=None, streams={}, folder=tmp_path, about=RunInfo("far"), params=params)
+    seen = look(find_blender(program), tmp_path, 26, 5001)
+    near, far = (seen.picture(frame)[132:146, 8:54] for frame in (26, 5001))  # the speed, 144 km/h
+    assert near.max() - near.min() > 0.5
+    assert np.abs(far - near).mean() < 0.1 * np.abs(near - near.mean()).mean()
+    clip_end, height = seen.facts["overview"]
+    assert clip_end > height + 100.0
+
+
 def test_a_picture_shows_the_car_upright_in_its_middle_under_a_bright_sky(seen):
     picture = seen.picture(FAST_FRAME)
     red, green, blue = np.moveaxis(picture, -1, 0)

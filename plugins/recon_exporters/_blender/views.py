@@ -24,10 +24,9 @@ TOP_WIDTH = 60.0
 """m that the camera on top shows from left to right."""
 FAR = 50_000.0
 """m that a camera sees."""
-NEAR = 0.05
-"""m from a camera to its display: so small that no other camera sees it."""
-NEAR_TOP = 2.0
-"""m, for the camera on top, whose height in single precision leaves no room for less."""
+NEAR = {"follow": 1.0, "driver": 0.3, "top": 2.0}
+"""m from a camera to its display: before all that it sees, the driver's inside of the car, and large enough that
+letters keep their shape kilometres from the origin, where single precision leaves 0.5 mm."""
 PLATE = (0.235, 0.13)
 """Width and height of what the display stands on, in widths of the picture."""
 
@@ -47,7 +46,7 @@ def cameras(scene: Any, collection: Any, vehicle: Any, arrays: Any, resolution: 
     made = {
         "follow": _perspective(collection, "follow", 32.0),
         "driver": _perspective(collection, "driver", 20.0),
-        "top": _perspective(collection, "top", SENSOR * ABOVE / TOP_WIDTH, NEAR_TOP),
+        "top": _perspective(collection, "top", SENSOR * ABOVE / TOP_WIDTH),
     }
     _follow(collection, made["follow"].thing, vehicle, arrays)
     driver = made["driver"].thing
@@ -60,8 +59,8 @@ def cameras(scene: Any, collection: Any, vehicle: Any, arrays: Any, resolution: 
     return {**made, "overview": _overview(collection, place, resolution)}
 
 
-def _perspective(collection: Any, name: str, lens: float, near: float = NEAR) -> View:
-    camera = bpy.data.cameras.new(name)
+def _perspective(collection: Any, name: str, lens: float) -> View:
+    camera, near = bpy.data.cameras.new(name), NEAR[name]
     camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", SENSOR, lens
     camera.clip_start, camera.clip_end = 0.2 * near, FAR
     return View(thing(collection, f"camera {name}", camera), near, near * SENSOR / lens)
@@ -81,9 +80,11 @@ def _overview(collection: Any, place: Any, resolution: Any) -> View:
     across = max(float(high[0] - low[0]), float(high[1] - low[1]) * resolution[0] / resolution[1])
     width = 1.25 * across + 20.0
     camera = bpy.data.cameras.new("overview")
-    camera.type, camera.sensor_fit, camera.ortho_scale, camera.clip_end = "ORTHO", "HORIZONTAL", width, FAR
+    camera.type, camera.sensor_fit, camera.ortho_scale = "ORTHO", "HORIZONTAL", width
+    up = 2.0 * (ABOVE + width)
+    camera.clip_end = up + FAR
     overview = thing(collection, "camera overview", camera)
-    overview.location = (*(0.5 * (low + high))[:2], float(high[2]) + 2.0 * (ABOVE + width))
+    overview.location = (*(0.5 * (low + high))[:2], float(high[2]) + up)
     return View(overview, 1.0, width)
 
 
