@@ -19,12 +19,14 @@ from recon.numerics.integration import cumulative
 from recon.numerics.rotation import rotate, to_matrix
 from recon.numerics.saturation import clipped, courses, hidden, impulses
 from recon.rows import spans
-from recon.tables import Array, has, matrix, measured_axes, time_ns
+from recon.tables import Array, has, matrix, measured_axes, time_ns, vector
 
 Times = NDArray[np.int64]
 
 _LEAST: Final = 1.2 * STANDARD_GRAVITY
 """m/s^2; no sensor ends below."""
+_NEAR: Final = 1e-3
+"""Share of the end of a range within which a sample is there."""
 _TOLD: Final = 0.25
 """Sigma of what was lost, of the most that the flanks allow, below which it is told by the trajectory."""
 _SCALE: Final = 0.006
@@ -64,9 +66,10 @@ def lost(
     rows = _rows_at(imu, t_ns)
     if rows is None:
         return None
-    mask, felt, t_s = clipped(logged, least=_LEAST)[rows], logged[rows], (t_ns - t_ns[0]) * 1e-9
+    felt, t_s = logged[rows], (t_ns - t_ns[0]) * 1e-9
+    mask = clipped(logged, least=_LEAST)[rows] | saturated(t_ns, felt, events)
     most = np.stack([hidden(t_s, felt[:, axis], mask[:, axis]) for axis in range(3)], axis=1)
-    plateaus = _Plateaus(t_s, np.sign(felt), most, mask, _turn(felt, accel))
+    plateaus = _Plateaus(t_s, felt, most, mask, _turn(felt, accel))
     likely, doubt = np.zeros_like(accel), [np.zeros((0, *accel.shape))]
     flat, peaked = np.zeros_like(accel), most @ plateaus.rot_vs.T
     for start_ns, stop_ns in spans(events, "crash"):
@@ -80,6 +83,24 @@ def lost(
     return Lost(likely, np.stack([flat, peaked]) - likely, np.concatenate(doubt))
 
 
+def saturated(t_ns: Times, felt: Array, events: pa.Table | None) -> NDArray[np.bool_]:
+    """Samples (n, 3) that events say to be at the end of the sensor's range, which somebody may have told them.
+
+    t_ns : (n,) ns since 1970; felt : (n, 3) m/s^2, as logged; events : of kind saturation, with the largest as value
+    """
+    mask = np.zeros(felt.shape, dtype=bool)
+    if events is None:
+        return mask
+    import pyarrow.compute as pc  # slow import: only when used
+
+    hits = events.filter(pc.equal(events["kind"], "saturation"))
+    ends = zip(time_ns(hits), time_ns(hits, "end_time"), vector(hits, "value", gaps=True), strict=True)
+    for start_ns, stop_ns, limit in ends:
+        inside = (t_ns >= start_ns) & (t_ns <= stop_ns)
+        mask[inside] |= np.abs(felt[inside]) >= (1.0 - _NEAR) * limit
+    return mask
+
+
 class Unrecorded(NamedTuple):
     """How much of a change of velocity was not recorded: (3,) m/s, its covariance, and (n, 3, 3) vehicle to local."""
 
@@ -90,10 +111,10 @@ class Unrecorded(NamedTuple):
 
 @dataclass(frozen=True)
 class _Plateaus:
-    """Where the axes of a box were clipped. sign, most, mask : (n, 3) by its axes; rot_vs : (3, 3) box to vehicle"""
+    """Where the axes of a box were clipped. felt, most, mask : (n, 3) by its axes; rot_vs : (3, 3) box to vehicle"""
 
     t_s: Array
-    sign: Array
+    felt: Array
     most: Array
     mask: NDArray[np.bool_]
     rot_vs: Array
@@ -101,15 +122,17 @@ class _Plateaus:
     def filled(self, inside: NDArray[np.bool_], change: Unrecorded) -> tuple[Array, Array, Array] | None:
         """Two courses of what was lost in some rows (m, 3), and one sigma of each impulse (k, n, 3), m/s^2, vehicle.
 
-        None where the change of velocity does not tell it.
+        Beforehand it may be as much as the flanks allow, or as much again as was recorded: of a plateau of two samples
+        the steps into it, which are cut off themselves, allow nothing. None where the change does not tell it.
         """
         axes = [axis for axis in range(3) if (self.mask[:, axis] & inside).any()]
         shapes = np.stack([courses(self.t_s, self.most[:, i], self.mask[:, i] & inside) for i in axes])
-        ways = np.stack([self.sign[:, i, None] * self.rot_vs[:, i] for i in axes])
+        ways = np.stack([np.sign(self.felt[:, i, None]) * self.rot_vs[:, i] for i in axes])
         step_s = np.gradient(self.t_s)
         middle = shapes.mean(axis=1)[..., None] * ways
         directions = np.einsum("nij,knj,n->ik", change.rot_nv, middle, step_s)
-        bounds = np.maximum((np.abs(self.most[:, axes]) * inside[:, None] * step_s[:, None]).sum(axis=0), 1e-3)
+        hit = (self.mask & inside[:, None])[:, axes]
+        bounds = step_s @ (np.maximum(np.abs(self.most), np.abs(self.felt))[:, axes] * hit)
         found, covariance = impulses(change.lost, change.covariance, directions, bounds)
         main = int(np.argmax(bounds))
         if covariance[main, main] > (_TOLD * bounds[main]) ** 2:

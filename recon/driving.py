@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from recon.clipping import saturated
 from recon.errors import DataError, NotEnoughData
 from recon.fixes import Observed
 from recon.numerics.integration import cumulative
@@ -16,7 +17,7 @@ from recon.numerics.saturation import clipped, hidden
 from recon.numerics.smoothing import Drive, Estimate, Impact, Model, Noise, estimate, regular_samples
 from recon.numerics.smoothing.soa import matrix_to_quat
 from recon.numerics.smoothing.state import MOUNT
-from recon.rows import Metric
+from recon.rows import Metric, spans
 from recon.tables import Array, has, known_rows, matrix, seconds, select_rows, time_ns, vector
 
 _FELT: Final = (5.0, 15.0)
@@ -87,31 +88,34 @@ def drive_of(
     )
 
 
-def impacts_of(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip_s: float) -> tuple[Impact, ...]:
+def impacts_of(imu: pa.Table, events: pa.Table | None, error: float, slip_s: float) -> tuple[Impact, ...]:
     """The impacts of a drive, and when it turned faster than the gyroscope tells, for the smoother.
 
-    What clipping may have hidden of an impact counts as missed; half of it as turned, and as its sigma, of a turn.
+    What clipping may have hidden of an impact counts as missed, at least as much again as was recorded there; of a turn
+    half of it counts as turned, and as its sigma.
 
-    imu : accel m/s^2, specific force, gyro rad/s; crashes : (start, end) in ns since 1970
+    imu : accel m/s^2, specific force, gyro rad/s; events : of kinds crash and saturation
     error : share of a change of velocity that the IMU misses, by what no scale error explains; slip_s : s, as in Impact
     """
     if not imu.num_rows:
         return ()
-    found = [*_pushes(imu, crashes, error, slip_s), *_spins(imu, slip_s)]
+    found = [*_pushes(imu, events, error, slip_s), *_spins(imu, slip_s)]
     return tuple(sorted(found, key=lambda impact: impact.start_s))
 
 
-def _pushes(imu: pa.Table, crashes: list[tuple[int, int]], error: float, slip_s: float) -> Iterator[Impact]:
+def _pushes(imu: pa.Table, events: pa.Table | None, error: float, slip_s: float) -> Iterator[Impact]:
+    crashes = spans(events, "crash")
     if not crashes:
         return
     t_ns, accel = time_ns(imu), matrix(imu, "accel")
-    mask = clipped(accel, least=_FELT[1])
+    mask = clipped(accel, least=_FELT[1]) | saturated(t_ns, accel, events)
     for start_ns, end_ns in crashes:
         rows = slice(*np.searchsorted(t_ns, [start_ns, end_ns + 1]))
         if rows.stop - rows.start < 2:
             continue
         t_s, part = (t_ns[rows] - t_ns[0]) * 1e-9, accel[rows]
         cut = np.stack([hidden(t_s, part[:, axis], mask[rows, axis]) for axis in range(3)], axis=1)
+        cut = np.sign(part) * np.maximum(np.abs(cut), np.abs(part) * mask[rows])
         pushed = part - np.median(accel, axis=0)
         change, missed = (float(np.linalg.norm(cumulative(t_s, y, "trapezoid")[-1])) for y in (pushed, cut))
         yield Impact(float(t_s[0]), float(t_s[-1]), error * change + missed, slip_s)

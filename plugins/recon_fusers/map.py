@@ -51,7 +51,6 @@ from recon import (
     metrics,
     quantity,
     setting,
-    spans,
     time_ns,
 )
 from recon import events as event_rows
@@ -177,7 +176,7 @@ def fuse_map(
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
-    impacts = impacts_of(imu, spans(events, "crash"), params.impact_error, params.slip_time)
+    impacts = impacts_of(imu, events, params.impact_error, params.slip_time)
     drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.steering, params.ground_level)
     aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)

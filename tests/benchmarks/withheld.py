@@ -54,7 +54,6 @@ from recon.numerics.smoothing.state import (
 from recon.outages import placed
 from recon.pipeline import Pipeline
 from recon.recording import Recording
-from recon.rows import spans
 from recon.tables import Array, select_rows, time_ns
 from recon.yaml_nodes import load_file
 from recon_fusers.map import MapParams, model_of, noise_of, trust_of
@@ -114,7 +113,7 @@ class Log:
         self.imu = measured(streams["imu"])
         self.start_ns = int(time_ns(self.imu)[0])
         crashes = recon.run(Pipeline.of("crashes", "detector.crash"), Recording(streams)).recording.get("events")
-        self.impacts = impacts_of(self.imu, spans(crashes, "crash"), self.params.impact_error, self.params.slip_time)
+        self.impacts = impacts_of(self.imu, crashes, self.params.impact_error, self.params.slip_time)
         self.observed = self._observed(streams["gnss"])
         self.gnss = about(streams["gnss"], self.observed.anchor)
 

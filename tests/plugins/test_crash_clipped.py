@@ -22,12 +22,15 @@ LIMIT = 8 * 9.80665
 DELTA_V = 11.0
 
 
-def wreck(edit: Callable[[Streams], Streams] = dict, **params: Any) -> Streams:
-    """A crash at 54 km/h of 11 m/s from ahead, whose peak of 22 g the sensor of 8 g does not see."""
+def wreck(edit: Callable[[Streams], Streams] = dict, full_scale: float | None = None, **params: Any) -> Streams:
+    """A crash at 54 km/h of 11 m/s from ahead, whose peak of 22 g the sensor of 8 g does not see.
+
+    full_scale : m/s^2, what detector.crash is told
+    """
     usual = {"motion": "crash", "sensors": "consumer_mems", "speed": 15.0, "delta_v": DELTA_V, "pulse": 0.1, "seed": 3}
     log = simulate_drive(DriveParams(**{**usual, "imu_rate": 200.0, "accel_full_scale": LIMIT, **params}))
     log = edit(log)
-    log["events"] = crash(imu=log["imu"], params=DetectorParams())["events"]
+    log["events"] = crash(imu=log["imu"], params=DetectorParams(full_scale=full_scale))["events"]
     return {**log, **fused(log), "events": log["events"]}
 
 
@@ -128,3 +131,12 @@ def test_a_sensor_that_reads_too_little_of_an_impact_is_told_by_the_speed_before
     rows, warnings = numbers(wreck(lazy, accel_full_scale=100 * 9.80665))
     assert rows["delta_v_not_recorded"]["value"] > 4.0 * rows["delta_v_not_recorded"]["sigma"]
     assert any("of delta-V are not in the accelerations" in text for text in warnings)
+
+
+def test_the_range_that_is_told_counts_where_a_single_sample_is_at_its_end() -> None:
+    limit = 18 * 9.80665
+    told = numbers(wreck(imu_rate=50.0, accel_full_scale=limit, pulse=0.08, full_scale=limit))[0]["delta_v_long_max"]
+    alone = numbers(wreck(imu_rate=50.0, accel_full_scale=limit, pulse=0.08))[0]["delta_v_long_max"]
+    assert "told by the speed before and after" in told["note"]
+    assert "clipped" not in alone["note"]
+    assert told["value"] < alone["value"] - 1.0
