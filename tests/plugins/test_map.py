@@ -316,3 +316,12 @@ def test_an_imu_that_is_silent_every_10_s_converges_and_drives_ahead(seed):
     result = fused(streams, edit)
     assert np.degrees(np.abs(errors(streams, result).turn[:, 2]).max()) < 30.0
     assert not any("not converged" in note for note in warnings_of(result["metrics"]))
+
+
+@pytest.mark.parametrize("seed", [6331, 6335])
+def test_headings_that_long_silences_lose_keep_no_drive_from_converging(seed):
+    def edit(s):
+        return {**s, "imu": select_rows(s["imu"], seconds(s["imu"]) % 20.0 < 12.0)}
+
+    notes = warnings_of(fused(drive("mixed", seed=seed, duration=300.0), edit)["metrics"])
+    assert not any("not converged" in note for note in notes)

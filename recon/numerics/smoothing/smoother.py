@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from recon.numerics.smoothing.arrival import Arrival
-from recon.numerics.smoothing.band import Factor, Solution, factor, solve_bordered
+from recon.numerics.smoothing.band import Factor, Solution, factor, marginals, selected_inverse, solve_bordered
 from recon.numerics.smoothing.earth import GravityField
 from recon.numerics.smoothing.epochs import locate, misclosure
 from recon.numerics.smoothing.equations import Equations
@@ -28,6 +28,7 @@ from recon.numerics.smoothing.model import Drive, Model, Noise
 from recon.numerics.smoothing.preintegration import Increments, preintegrate
 from recon.numerics.smoothing.prepared import STALE_LAG
 from recon.numerics.smoothing.robust import SHARPEST, Loss, Sharpness
+from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Integrated, Linearised, Solved
 from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, LAG, POSITION, ROTATION, SCALES, State
 
@@ -45,8 +46,11 @@ integrated anew. That of the accelerometer is linear but for the rotation."""
 _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
 _SWINGING: Final = (6, 0.5)
-"""Steps, after which one that turns so much of the last one back has gone too far, as the next would: what hardly
-anything tells, the heading of a vehicle that stands or the slope of a road far from fixes, may swing for ever."""
+"""Steps, and rad: a heading with a larger sigma that still turns is one that hardly anything tells, and would swing for
+ever."""
+_BACK: Final = 0.5
+"""Share of the last step; one that turns more of it back shows that it went too far, as the next would: the slope of a
+road in seconds of IMU far from fixes may swing so for ever."""
 
 
 class Smoother(Equations):
@@ -67,6 +71,7 @@ class Smoother(Equations):
         super().__init__(drive, model, arrival, moved_lag)
         self._increments = increments
         self.steps = 0
+        self._held = np.zeros(self.normal.knots)
 
     def solve(
         self, state: State, noise: Noise, loss: Loss, resumed: Sharpness | None = None, rough: bool = False
@@ -86,7 +91,7 @@ class Smoother(Equations):
             here = self.linearise(state, noise, gravity, made, loss, sharpness, count)
             sharpness = here.sharpness
             try:
-                system, solution = self._step(damping)
+                system, solution = self._step(damping, self._held)
             except np.linalg.LinAlgError:
                 if count == MOST_STEPS:
                     raise
@@ -94,7 +99,7 @@ class Smoother(Equations):
                 continue
             damping = 0.1 * damping if damping > _FIRST_DAMPING else 0.0
             turn = solution.step[:, ROTATION]
-            back = count > _SWINGING[0] and (turn * last).sum() < -_SWINGING[1] * (last**2).sum()
+            back = count > _SWINGING[0] and (turn * last).sum() < -_BACK * (last**2).sum()
             share, last = 0.5 * share if back else min(1.0, 2.0 * share), turn
             state = state.moved(share * solution.step.T, share * solution.step_global)
             self.steps += 1
@@ -103,6 +108,11 @@ class Smoother(Equations):
             done = settled and _small(solution, loss)
             if done or (settled and rough):
                 break
+            if count > _SWINGING[0]:
+                self._hold(system, solution)
+        if self._held.any():  # what holds a heading in place tells nothing of it
+            here = self.linearise(state, noise, gravity, made, loss, sharpness, count)
+            system, solution = self._step()
         return self._solved(state, noise, gravity, made, here, system, solution, done)
 
     def about(self, state: State, noise: Noise) -> Solved:
@@ -172,10 +182,20 @@ class Smoother(Equations):
         inside = locate(self.epochs, self.drive.samples, increments)
         return Integrated(increments, inside, whitening(increments, *self.disturbed.densities(noise)))
 
-    def _step(self, damping: float = 0.0) -> tuple[Factor, Solution]:
+    def _hold(self, system: Factor, solution: Solution) -> None:
+        """Keep knots from turning, more than the last step would have needed, that turn and might as well not."""
+        turn = np.abs(solution.step[:, ROTATION]).max(axis=1)
+        turns = np.flatnonzero(turn > _SMALL_TURN)
+        if len(turns):
+            variance = marginals(selected_inverse(system, solution), turns)[:, ROTATION, ROTATION]
+            unknown = np.einsum("kii->ki", variance).max(axis=1) > _SWINGING[1] ** 2
+            swings = turns[unknown | (self._held[turns] > 0.0)]
+            self._held[swings] = np.maximum(4.0 * self._held[swings], turn[swings] ** -2)
+
+    def _step(self, damping: float = 0.0, held: Floats | float = 0.0) -> tuple[Factor, Solution]:
         """Solve for what is free; fixed unknowns do not move. The sums are written over.
 
-        damping : share by which the diagonal grows
+        damping : share by which the diagonal grows; held : (N,) 1/rad^2 by which a knot is kept from turning
         """
         free = np.append(self.free, True)
         knots = self.normal.knots
@@ -183,6 +203,7 @@ class Smoother(Equations):
         corner = self.normal.corner[np.ix_(free, free)]
         i = np.arange(KNOT_SIZE)
         self.normal.blocks[:, i, i] *= 1.0 + damping
+        self.normal.blocks[:, i[ROTATION], i[ROTATION]] += np.asarray(held)[..., None]
         system = factor(self.normal.buffer, knots, KNOT_SIZE)
         found = solve_bordered(system, border.reshape(len(border), -1).T, corner)
         whole = np.zeros(COMMON_SIZE)
