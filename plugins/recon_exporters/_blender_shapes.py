@@ -3,7 +3,7 @@
     path_position   (p, 3) the way, a point each `spacing` m, from keys of the vehicle
     path_row        (p,) the key that each point is
     path_drawn      (p,) bool, is the piece from this point to the next drawn? In an outage only every other dash is
-    strip           (p + 2, 2, 3) right and left edge of a strip of ground below the path, which goes on at its ends
+    strip           (s, 2, 3) right and left edge of a strip of ground below the path, which goes on at its ends
     tube            (p, 12, 3) ellipses across the path; half axes: std to the side and up. Where a std is known
     ground_x, ground_y, ground_z   (a,), (b,), (a, b) a smooth ground through the path's heights, flat far away
     fixes           (m, 3) GNSS fixes at the height of the path: what they say themselves of height is weak
@@ -44,7 +44,9 @@ CORNERS: Final = 12
 BELOW: Final = 0.25
 """m by which the ground lies lower than the strip, at least."""
 _GRID: Final = 128
-"""Lines of the ground across the path, in each direction."""
+"""Lines of the ground across the path, in each direction, at the most; they are 1 m apart at least."""
+_ACROSS: Final = 15
+"""Points across the strip, SPACING apart, that the ground lies under."""
 _FAR: Final = np.array([30.0, 80.0, 200.0, 600.0, 2000.0, 6000.0])
 """m beyond the path where the ground has further lines."""
 _SUPPORT: Final = 400
@@ -80,10 +82,11 @@ def path_of(position: Array, heading: Array, std: Array, lost: NDArray[np.bool_]
 
 
 def _strip(point: Array, side: Array, heading: Array) -> Array:
-    """(p + 2, 2, 3) edges along the path, and RUN_OUT before and after it as the vehicle points there."""
-    ahead = RUN_OUT * np.column_stack((np.cos(heading), np.sin(heading), np.zeros(len(heading))))
-    middle = np.concatenate((point[:1] - ahead[:1], point, point[-1:] + ahead[-1:]))
-    side = np.concatenate((side[:1], side, side[-1:]))
+    """(s, 2, 3) edges along the path, and RUN_OUT before and after it as the vehicle points there."""
+    ahead = np.column_stack((np.cos(heading), np.sin(heading), np.zeros(len(heading))))
+    further = np.arange(SPACING, RUN_OUT + SPACING, SPACING)[:, None]
+    middle = np.concatenate((point[:1] - further[::-1] * ahead[:1], point, point[-1:] + further * ahead[-1:]))
+    side = np.concatenate((np.repeat(side[:1], len(further), 0), side, np.repeat(side[-1:], len(further), 0)))
     return np.asarray(middle[:, None, :] + STRIP * np.array([-1.0, 1.0])[:, None] * side[:, None, :])
 
 
@@ -107,16 +110,18 @@ def ground_of(point: Array, strip: Array) -> Arrays:
     distance2 = (x[..., None] - support[:, 0]) ** 2 + (y[..., None] - support[:, 1]) ** 2
     weight = 1.0 / (distance2 + 1.0) ** 2
     z = (weight @ support[:, 2]) / weight.sum(axis=-1) - BELOW
-    edge = strip.reshape(-1, 3)
-    i, j = (np.searchsorted(line, edge[:, axis], side="right") for axis, line in enumerate(lines))
+    share = np.linspace(0.0, 1.0, _ACROSS)[:, None, None]
+    above = (strip[:, 0] + share * (strip[:, 1] - strip[:, 0])).reshape(-1, 3)
+    i, j = (np.searchsorted(line, above[:, axis], side="right") for axis, line in enumerate(lines))
     for corner in ((i, j), (i - 1, j), (i, j - 1), (i - 1, j - 1)):  # of the square of the ground under each point
-        np.minimum.at(z, corner, edge[:, 2] - BELOW)
+        np.minimum.at(z, corner, above[:, 2] - BELOW)
     return {"ground_x": lines[0], "ground_y": lines[1], "ground_z": z}
 
 
 def _lines(values: Array) -> Array:
     low, high = float(values.min()) - 10.0, float(values.max()) + 10.0
-    return np.concatenate((low - _FAR[::-1], np.linspace(low, high, _GRID), high + _FAR))
+    across = np.linspace(low, high, min(_GRID, int(high - low)))
+    return np.concatenate((low - _FAR[::-1], across, high + _FAR))
 
 
 def fixes_of(

@@ -172,7 +172,7 @@ def test_the_path_goes_through_keys_half_a_metre_apart(tmp_path):
 def test_a_vehicle_that_stands_has_a_path_of_one_point(tmp_path):
     _, keys = export(tmp_path, straight(np.arange(0.0, 3.0, 0.01), speed=0.0))
     assert len(keys["path_position"]) == 1
-    assert keys["strip"].shape == (3, 2, 3)
+    assert keys["strip"].shape == (161, 2, 3)  # and 40 m to each side, 0.5 m apart
 
 
 def test_the_path_is_dashed_where_gnss_is_silent(tmp_path):
@@ -214,6 +214,18 @@ def test_the_ground_is_nowhere_above_the_strip_of_a_long_drive_over_hills(tmp_pa
     ground = RegularGridInterpolator((keys["ground_x"], keys["ground_y"]), keys["ground_z"])
     strip = keys["strip"].reshape(-1, 3)
     assert (strip[:, 2] - ground(strip[:, :2])).min() > 0.25 - 1e-9
+
+
+def test_the_road_goes_on_above_the_ground_where_the_drive_rolled_back_from_its_end(tmp_path):
+    """Uphill for 40 m, and 10 m back: what goes on from the lower end lies under the hill."""
+    t_s = np.arange(0.0, 50.0, 0.1)
+    way = np.where(t_s < 40.0, t_s, 80.0 - t_s)
+    position = np.column_stack((way, 0.0 * way, 0.1 * way))
+    _, keys = export(tmp_path, straight(t_s, pos=position))
+    ground = RegularGridInterpolator((keys["ground_x"], keys["ground_y"]), keys["ground_z"])
+    middle = keys["strip"].mean(axis=1)
+    assert middle[:, 0].max() > 70.0
+    assert (middle[:, 2] - ground(middle[:, :2])).min() > 0.2
 
 
 def test_the_tube_is_as_wide_and_high_as_the_sigmas_say(tmp_path):
