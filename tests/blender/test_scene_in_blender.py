@@ -124,6 +124,22 @@ def test_far_from_the_origin_the_display_reads_as_near_it_and_the_overview_sees_
     assert clip_end > height + 100.0
 
 
+def test_from_above_the_squares_of_a_slope_are_those_of_a_plain(program, tmp_path):
+    """10 % uphill from the origin on: a pattern in space would change its colours where the ground rises above 0."""
+    t_s = np.arange(0.0, 10.0, 0.1)
+    place = 10.0 * np.outer(t_s, (1.0, 0.0, 0.1))
+    table = drive(t_s, pos=place, vel=np.gradient(place, t_s, axis=0), q=from_euler(0.0 * t_s, -0.1, 0.0))
+    north = {}
+    for vertical in (True, False):
+        folder = tmp_path / str(vertical)
+        folder.mkdir()
+        params = BlenderParams(blender=program, camera="top", vertical=vertical)
+        blender(trajectory=table, gnss=None, events=None, streams={}, folder=folder, about=RunInfo("up"), params=params)
+        north[vertical] = look(find_blender(program), folder, 1).picture(1)[:34].mean(axis=(0, 2))
+        north[vertical] -= north[vertical].mean()
+    assert np.corrcoef(north[True], north[False])[0, 1] > 0.9
+
+
 def test_a_picture_shows_the_car_upright_in_its_middle_under_a_bright_sky(seen):
     picture = seen.picture(FAST_FRAME)
     red, green, blue = np.moveaxis(picture, -1, 0)

@@ -66,14 +66,16 @@ def translucent(name: str, color: Color, opacity: float) -> Any:
 
 
 def checkered(name: str, first: Color, second: Color, size: float) -> Any:
-    """A matt surface of squares of `size` m, by which the eye sees motion."""
+    """A matt surface of squares of `size` m, by which the eye sees motion; seen from above, whatever the height."""
     made = solid(name, first, roughness=0.95)
     nodes, links = made.node_tree.nodes, made.node_tree.links
-    place, squares = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeTexChecker")
+    place, level, squares = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "Mapping", "TexChecker"))
+    level.inputs["Location"].default_value, level.inputs["Scale"].default_value = (0.0, 0.0, 0.5), (1.0, 1.0, 0.0)
     squares.inputs["Color1"].default_value = (*first, 1.0)
     squares.inputs["Color2"].default_value = (*second, 1.0)
     squares.inputs["Scale"].default_value = 1.0 / size
-    links.new(place.outputs["Object"], squares.inputs["Vector"])
+    links.new(place.outputs["Object"], level.inputs["Vector"])
+    links.new(level.outputs[0], squares.inputs["Vector"])
     shader = next(node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
     links.new(squares.outputs["Color"], shader.inputs["Base Color"])
     return made
