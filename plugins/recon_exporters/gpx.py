@@ -21,6 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon.hookspecs import hookimpl
+from recon.rounding import rounded
 from recon.stages import Exporter
 from recon_exporters._text_columns import PLACE_DIGITS, decimals, elements, iso_8601, joined, xml
 from recon_exporters._track_file import TrackFile
@@ -48,9 +49,10 @@ gpx = TrackFile("track.gpx", _document)
 
 
 def _waypoint(mark: Mark) -> str:
-    """An event; its unit stands with its value in the description, all that it says in the extensions."""
-    shown = [f"{mark.facts['duration']:g} s", f"{mark.facts.get('value', '')} {mark.facts.get('unit', '')}".strip()]
-    shown.append(str(mark.facts.get("note", "")))
+    """An event; its value stands with its unit, rounded, in the description, all that it says in the extensions."""
+    sizes = [(mark.facts["duration"], "s"), (mark.facts.get("value"), mark.facts.get("unit", ""))]
+    told = [f"{rounded(float(str(size)))} {unit}".strip() for size, unit in sizes if size is not None]
+    shown = dict.fromkeys([*told, str(mark.facts.get("note", ""))])  # the value of a standstill is how long it lasted
     names = f"<name>{xml(words(mark.kind))}</name><desc>{xml('; '.join(filter(None, shown)))}</desc>"
     height = f"<ele>{mark.height:.3f}</ele>" if np.isfinite(mark.height) else ""
     return (

@@ -179,6 +179,13 @@ def test_a_track_of_places_alone_has_no_extensions(tmp_path):
     assert root.findall(".//g:extensions", NAMESPACES) == []
 
 
+def test_a_size_is_rounded_for_people_said_once_and_kept_whole_in_the_extensions(tmp_path):
+    found = happened((1.25, 3.5), kind="standstill", value=2.2499999999999, unit="s")
+    (point,) = export(tmp_path, trajectory=drive([0, 1, 2, 3, 4]), events=found).findall("g:wpt", NAMESPACES)
+    assert texts(point, "g:desc") == ["2.25 s"]
+    assert texts(point, ".//r:value") == ["2.2499999999999"]
+
+
 def test_an_event_is_a_waypoint_where_it_began(tmp_path):
     found = happened((1.25, 3.5), kind="crash", value=42.5, unit="m/s^2", note="front left")
     (point,) = export(tmp_path, trajectory=drive([0, 1, 2, 3, 4]), events=found).findall("g:wpt", NAMESPACES)
