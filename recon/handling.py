@@ -16,6 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.errors import NotEnoughData
+from recon.numerics.evaluation import GAP_STEPS
 from recon.numerics.handling import intermediate, rate_of_change, smoothed, to_local, weights_s
 from recon.numerics.signals import median_rate
 from recon.schema import TRAJECTORY, Need
@@ -23,7 +24,8 @@ from recon.tables import Array, has, matrix, time_ns
 
 NEED: Need = TRAJECTORY.need("vel", "q", maybe=("accel", "pos", "lat", "lon"))
 """What a stage that uses `handling_of` asks of a trajectory."""
-MAX_GAP_S = 1.0
+_LEAST_GAP_S = 1.0
+"""A shorter step is none of a gap; a longer one is, where it is more than GAP_STEPS usual ones."""
 _FASTEST_REVERSE = -0.5
 """m/s; slower backwards motion may be noise."""
 _SPREAD = 0.5
@@ -47,6 +49,11 @@ class Handling:
     rate: float
 
     @property
+    def max_gap_s(self) -> float:
+        """The longest step between rows that are not parted by a gap, s."""
+        return _max_gap_s(self.rate)
+
+    @property
     def distance(self) -> Array:
         """Way since the first row, m: (n,)."""
         return np.asarray(np.cumsum(self.speed * self.weight_s))
@@ -65,16 +72,22 @@ def handling_of(trajectory: pa.Table, cutoff_hz: float | None, crashes: Iterable
     if known.sum() < 3:
         raise NotEnoughData("trajectory", needed="3 rows with velocity and attitude", found=str(int(known.sum())))
     t_ns, vel, q = time_ns(trajectory)[known], vel[known], q[known]
+    rate = median_rate(t_ns)
+    gap_s = _max_gap_s(rate)
     if has(trajectory, "accel"):
         accel = intermediate(to_local(matrix(trajectory, "accel", gaps=True)[known], q), q)
     else:
-        accel = intermediate(rate_of_change(t_ns, vel, MAX_GAP_S), q)
+        accel = intermediate(rate_of_change(t_ns, vel, gap_s), q)
     if cutoff_hz is not None:
-        accel = smoothed(t_ns, accel, cutoff_hz, MAX_GAP_S)
+        accel = smoothed(t_ns, accel, cutoff_hz, gap_s)
     spread_ns = round(1e9 * _SPREAD / cutoff_hz) if cutoff_hz is not None else 0
     for start_ns, end_ns in crashes:
         accel[(t_ns >= start_ns - spread_ns) & (t_ns <= end_ns + spread_ns)] = np.nan
     ahead = intermediate(vel, q)[:, 0]
     along = np.where(ahead < _FASTEST_REVERSE, -accel[:, 0], accel[:, 0])
-    speed, weight = np.hypot(vel[:, 0], vel[:, 1]), weights_s(t_ns, MAX_GAP_S)
-    return Handling(t_ns, speed, along, accel[:, 1], accel[:, 2], weight, median_rate(t_ns))
+    speed, weight = np.hypot(vel[:, 0], vel[:, 1]), weights_s(t_ns, gap_s)
+    return Handling(t_ns, speed, along, accel[:, 1], accel[:, 2], weight, rate)
+
+
+def _max_gap_s(rate_hz: float) -> float:
+    return max(_LEAST_GAP_S, GAP_STEPS / rate_hz)

@@ -24,7 +24,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon import EVENTS, Analyzer, Array, Column, Metric, Params, Schema, Streams, build, hookimpl, metrics, quantity
-from recon.handling import MAX_GAP_S, NEED, Handling, handling_of
+from recon.handling import NEED, Handling, handling_of
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.handling import (
     poisson_limits,
@@ -120,7 +120,7 @@ def _smoothness(part: Handling, params: DrivingParams) -> Iterator[Metric]:
     if not np.isfinite(along).any():
         return
     for name, values in (("along", part.along), ("left", part.left)):
-        jerk = rate_of_change(part.t_ns, values, MAX_GAP_S)[moving]
+        jerk = rate_of_change(part.t_ns, values, part.max_gap_s)[moving]
         yield Metric(f"jerk_{name}_rms", _rms(jerk, weight), "m/s^3", method=f"low-passed at {params.cutoff:g} Hz")
     yield Metric("rpa", relative_positive_acceleration(speed, along, weight), "m/s^2", method="EU 2016/427, 7a")
     gains = along > 0.1
@@ -170,7 +170,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="driving",
         summary="g-g diagram, friction circle, smoothness and harsh events for 100 km, whole and by trip.",
-        version=2,
+        version=3,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"gg": GG},

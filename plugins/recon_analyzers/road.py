@@ -46,7 +46,7 @@ from recon import (
     warning,
 )
 from recon import events as events_of
-from recon.handling import MAX_GAP_S, NEED, Handling, handling_of
+from recon.handling import NEED, Handling, handling_of
 from recon.numerics.handling import smoothed, spells, weighted_quantile
 from recon.rows import spans
 from recon.schema import TRAJECTORY
@@ -122,8 +122,8 @@ def _told(hits: Iterable[dict[str, Any]]) -> Iterator[tuple[int, float, float]]:
 
 def _band(found: Handling) -> Array:
     """Vertical acceleration (n,) m/s^2 without what is slower than the body or faster than the axles."""
-    quick = smoothed(found.t_ns, found.up, _HIGH_HZ, MAX_GAP_S)
-    return np.asarray(quick - smoothed(found.t_ns, quick, _LOW_HZ, MAX_GAP_S))
+    quick = smoothed(found.t_ns, found.up, _HIGH_HZ, found.max_gap_s)
+    return np.asarray(quick - smoothed(found.t_ns, quick, _LOW_HZ, found.max_gap_s))
 
 
 def _near_crash(found: Handling, events: pa.Table | None) -> NDArray[np.bool_]:
@@ -170,7 +170,7 @@ def _hits(
     rough = {stretch["number"]: stretch["roughness"] for stretch in stretches}
     way = found.distance
     beyond = counted & (np.abs(np.nan_to_num(band)) >= params.threshold)
-    for first, last in spells(found.t_ns, beyond, params.merge, 0.0, MAX_GAP_S):
+    for first, last in spells(found.t_ns, beyond, params.merge, 0.0, found.max_gap_s):
         row = int(first + np.nanargmax(np.abs(band[first : last + 1])))
         usual = rough.get(int(way[row] // params.length), 0.0)
         if abs(band[row]) >= params.prominence * usual:

@@ -34,7 +34,7 @@ from recon import (
     setting,
     warning,
 )
-from recon.handling import MAX_GAP_S, NEED, Handling, handling_of
+from recon.handling import NEED, Handling, handling_of
 from recon.numerics.handling import pieces, spells
 from recon.rows import events as event_rows
 from recon.rows import spans
@@ -98,7 +98,7 @@ def _harsh(found: Handling, chosen: Thresholds) -> Iterator[Event]:
     }
     for kind in KINDS:
         beyond = np.nan_to_num(sizes[kind]) >= chosen.limits[kind]
-        for first, last in spells(found.t_ns, beyond & fast, chosen.merge, chosen.min_duration, MAX_GAP_S):
+        for first, last in spells(found.t_ns, beyond & fast, chosen.merge, chosen.min_duration, found.max_gap_s):
             rows = slice(first, last + 1)
             yield _event(found, first, last, kind, float(np.nanmax(sizes[kind][rows])), "m/s^2", _about(found, rows))
 
@@ -116,7 +116,7 @@ def _speeding(found: Handling, params: DrivingParams) -> Iterator[Event]:
     if params.speed_limit is None:
         return
     beyond = found.speed > params.speed_limit + params.speed_tolerance
-    for first, last in spells(found.t_ns, beyond, params.speeding_merge, params.speeding_duration, MAX_GAP_S):
+    for first, last in spells(found.t_ns, beyond, params.speeding_merge, params.speeding_duration, found.max_gap_s):
         top = float(found.speed[first : last + 1].max())
         note = f"{(top - params.speed_limit) * 3.6:.1f} km/h beyond {params.speed_limit * 3.6:.0f} km/h"
         yield _event(found, first, last, "speeding", top, "m/s", note)
@@ -155,7 +155,7 @@ def declare_detectors() -> Iterable[Detector]:
     yield Detector(
         name="driving",
         summary="Trips, harsh braking, acceleration and cornering by named limits, and speeding.",
-        version=2,
+        version=3,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"events": EVENTS},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from handling_drives import START_NS, braking, cornering, gentle, told
 
-from recon import Event, events
+from recon import TRAJECTORY, Event, build, events, select_rows, time_ns
 from recon.numerics.handling import poisson_limits, weighted_quantile
 from recon_analyzers.driving import DrivingParams, analyze_driving
 
@@ -29,6 +29,32 @@ def test_a_steady_drive_has_its_way_time_and_speed_and_nothing_else():
     assert found["mean_moving_speed"]["value"] == pytest.approx(15.0)
     assert found["friction_demand_max"]["value"] == pytest.approx(0.0, abs=1e-9)
     assert found["rpa"]["value"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("step_s", "jitter_s"), [(1.0, 0.001), (1.0, 0.2), (2.0, 0.0), (2.0, 0.001)])
+def test_a_trajectory_of_a_row_a_second_and_fewer_has_its_way_and_time(step_s, jitter_s):
+    t_s = step_s * np.arange(200) + np.random.default_rng(2).uniform(-jitter_s, jitter_s, 200)
+    still, ahead = np.zeros((200, 1)), np.full((200, 1), 12.0)
+    trajectory = build(
+        TRAJECTORY,
+        time=START_NS + np.rint(t_s * 1e9).astype(np.int64),
+        pos=np.hstack([12.0 * t_s[:, None], still, still]),
+        vel=np.hstack([ahead, still, still]),
+        q=np.tile([1.0, 0.0, 0.0, 0.0], (200, 1)),
+    )
+    found = told(analyzed(trajectory))
+    assert found["duration"]["value"] == pytest.approx(t_s[-1] - t_s[0], abs=1e-6)
+    assert found["distance"]["value"] == pytest.approx(12.0 * (t_s[-1] - t_s[0]), abs=1e-5)
+
+
+def test_a_silence_counts_neither_for_the_way_nor_for_the_time():
+    whole = gentle(speed=15.0)
+    t_ns = time_ns(whole) - time_ns(whole)[0]
+    for every, silence in ((1, 1.5), (100, 5.0)):
+        kept = (np.arange(len(t_ns)) % every == 0) & ~((t_ns > 20e9) & (t_ns < (20.0 + silence) * 1e9))
+        found = told(analyzed(select_rows(whole, kept)))
+        lasting = (t_ns[kept][-1] - t_ns[kept][0]) * 1e-9 - silence
+        assert found["duration"]["value"] == pytest.approx(lasting, abs=0.02 * every)
 
 
 def test_the_friction_circle_of_braking_is_its_deceleration():
