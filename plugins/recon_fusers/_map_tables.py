@@ -37,7 +37,7 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
         kept = kept[_thinned(samples.t_s[kept], rate_hz)]
     motion = full_rate(state, solved.ends, solved.increments, samples, drive.anchor)
     deviation = between_knots(sigmas(found), motion.u, samples.per_interval)
-    _in_impacts(deviation, found, motion.u)
+    _where_missed(deviation, found, motion.u)
     accel_v, rate_v = _felt(found)
     accel_v -= np.sqrt((solved.ends.gravity_n[:, :1] ** 2).sum()) * _up(motion.q_lv)
     columns = {
@@ -66,22 +66,25 @@ def trajectory(found: Estimate, observed: Observed, imu: pa.Table, gnss: pa.Tabl
     )
 
 
-def _in_impacts(deviation: Array, found: Estimate, u: Array) -> None:
-    """Raise the sigmas (9, n + 1) inside impacts, where it is not known when what the IMU missed came about.
+def _where_missed(deviation: Array, found: Estimate, u: Array) -> None:
+    """Raise the sigmas (9, n + 1) between knots where the IMU was silent or an impact beyond it.
+
+    Nothing says when in the interval what it missed came about.
 
     As of white noise that is pinned down at both knots: Barfoot, Tong, Sarkka (2014), RSS X, eq. 20. u : (n,)
     """
-    disturbed, m, length = found.smoother.disturbed, found.smoother.drive.samples.per_interval, found.smoother.length
-    for k in np.flatnonzero((disturbed.pushed > 0.0) | (disturbed.spun > 0.0)):
-        inside = slice(k * m, (k + 1) * m)
-        bend = u[inside] * (1.0 - u[inside])
-        moved, turned = disturbed.pushed[k] * length[k], disturbed.spun[k] * length[k]
-        for rows, variance in (
-            (slice(0, 3), moved * length[k] ** 2 * bend**3 / 3.0),
-            (slice(3, 6), moved * bend * (1.0 - 3.0 * bend)),
-            (slice(6, 9), turned * bend),
-        ):
-            deviation[rows, inside] = np.hypot(deviation[rows, inside], np.sqrt(variance))
+    turns, moves = found.smoother.disturbed.missed()
+    k = np.flatnonzero((turns > 0.0) | (moves > 0.0))
+    inside = deviation[:, :-1].reshape(9, len(turns), -1)
+    u = u.reshape(len(turns), -1)[k]
+    bend, length = u * (1.0 - u), found.smoother.length[k, None]
+    moved, turned = moves[k, None] * length, turns[k, None] * length
+    for rows, variance in (
+        (slice(0, 3), moved * length**2 * bend**3 / 3.0),
+        (slice(3, 6), moved * bend * (1.0 - 3.0 * bend)),
+        (slice(6, 9), turned * bend),
+    ):
+        inside[rows, k] = np.hypot(inside[rows, k], np.sqrt(variance))
 
 
 def _facts(imu: pa.Table, gnss: pa.Table, observed: Observed, placed: bool) -> dict[str, object]:

@@ -56,8 +56,12 @@ class Disturbances:
 
     def densities(self, noise: Noise) -> tuple[Floats, Floats]:
         """Noise of gyro and accelerometer in each interval: (K,) rad/s/sqrt(Hz), (K,) m/s^2/sqrt(Hz)."""
-        gyro = np.sqrt(noise.gyro**2 + _GAP_RATE**2 * self.gap + self.spun)
-        return gyro, np.sqrt(noise.accel**2 + _GAP_FORCE**2 * self.gap + self.pushed)
+        turned, moved = self.missed()
+        return np.sqrt(noise.gyro**2 + turned), np.sqrt(noise.accel**2 + moved)
+
+    def missed(self) -> tuple[Floats, Floats]:
+        """What silences and impacts add to squared densities of gyro and accelerometer: (K,) rad^2/s, (K,) m^2/s^3."""
+        return _GAP_RATE**2 * self.gap + self.spun, _GAP_FORCE**2 * self.gap + self.pushed
 
 
 def _impacts(knots: Floats, impacts: tuple[Impact, ...]) -> tuple[Mask, Floats, Floats]:
