@@ -76,7 +76,7 @@ def _where_missed(deviation: Array, found: Estimate, u: Array) -> None:
     turns, moves = found.smoother.disturbed.missed()
     k = np.flatnonzero((turns > 0.0) | (moves > 0.0))
     inside = deviation[:, :-1].reshape(9, len(turns), -1)
-    u = u.reshape(len(turns), -1)[k]
+    u = np.clip(u.reshape(len(turns), -1)[k], 0.0, 1.0)
     bend, length = u * (1.0 - u), found.smoother.length[k, None]
     moved, turned = moves[k, None] * length, turns[k, None] * length
     for rows, variance in (

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from map_drives import fused
+from crash_pulses import pulse
+from map_drives import drive, fused
 
 from recon.driving import impacts_of
 from recon.numerics.rotation import angle, conjugate, from_rotvec, multiply, rotate
 from recon.rows import spans, warnings_of
-from recon.tables import Streams, matrix, replace, time_ns, vector
+from recon.tables import Streams, matrix, replace, seconds, time_ns, vector
 from recon_detectors.crash import CrashParams, crash
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -128,3 +129,13 @@ def test_a_vehicle_that_rolls_over_is_followed(turns: float) -> None:
         sigma = np.linalg.norm([vector(one, f"att_std_{name}")[row] for name in ("roll", "pitch", "yaw")])
         assert off < 3.0 * sigma
         assert np.linalg.norm(matrix(one, "vel")[row] - matrix(true, "vel")[same]) < 0.15
+
+
+def test_an_impact_right_at_the_beginning_has_sigmas_without_a_fault() -> None:
+    """It begins between the first knot and the next, where rounding puts a share of the interval beyond one."""
+    log = drive(seed=1, duration=90.0, imu_rate=200.0)
+    struck = pulse(seconds(log["imu"]), 0.025, 0.1)[:, None] * np.array([4.0, 0.0, 0.0])
+    imu = replace(log["imu"], accel=matrix(log["imu"], "accel") + struck)
+    events = crash(imu=imu, params=CrashParams())["events"]
+    assert spans(events, "crash")
+    assert np.isfinite(matrix(fused({**log, "imu": imu, "events": events})["trajectory"], "vel_std")).all()
