@@ -264,7 +264,7 @@ def noise_of(motion: Motion, zero_ns: int) -> Array:
     part = motion.accel[slice(*np.searchsorted(motion.t_ns, [since, until]))]
     if len(part) < 8:
         return np.zeros(3)
-    window = max(round(_SMOOTH_S * median_rate(motion.t_ns)), 3)
+    window = min(max(round(_SMOOTH_S * median_rate(motion.t_ns)), 3), len(part))
     kernel = np.ones(window) / window
     rest = [axis - np.convolve(axis, kernel, mode="same") for axis in (part - part.mean(axis=0)).T]
     inner = slice(window, -window) if len(part) > 4 * window else slice(None)

@@ -264,6 +264,10 @@ def _doubts(pulse: Pulse, numbers: Mapping[str, Uncertain], motion: Motion) -> I
         yield warning("it is not known which way is forward: only sizes are told; turn imu into the vehicle first")
     if not motion.turning:
         yield warning("there is no gyro: the vehicle is taken not to turn during the impact")
+    if pulse.lead == 0:
+        yield warning(
+            "the log begins in the impact, or right before it: what came before its first row is in no number"
+        )
     if (len(pulse.accel) - pulse.lead) * pulse.step_s < OLDEST_DELTA_V_S:
         yield warning("the log ends within 300 ms of time zero: the largest delta-V may lie behind its end")
     if len(pulse.restored):

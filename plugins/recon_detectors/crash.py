@@ -241,10 +241,10 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
 
 
 def _silence_s(t_ns: NDArray[np.int64], crash: Event) -> float:
-    """The longest time without a row during a crash, and 300 ms at least, s."""
+    """The longest time without a row right before a crash and during it, and 300 ms at least, s."""
     until_ns = max(crash.end_ns, crash.start_ns + round(_LOOKED_AT_S * 1e9))
     first, last = np.searchsorted(t_ns, [crash.start_ns, until_ns])
-    return float(np.diff(t_ns[first : last + 1]).max(initial=0)) * 1e-9
+    return float(np.diff(t_ns[max(first - 1, 0) : last + 1]).max(initial=0)) * 1e-9
 
 
 @hookimpl

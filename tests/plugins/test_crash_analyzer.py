@@ -140,6 +140,25 @@ def test_a_drive_without_a_crash_has_no_impact() -> None:
     assert "delta_v_long_max" not in rows
 
 
+@pytest.mark.parametrize("lead_s", [0.03, 0.08, 0.12])
+def test_an_impact_shortly_after_the_first_row_has_its_numbers(lead_s: float) -> None:
+    """However little there is before it to tell noise from."""
+    t_s = pulses.times()
+    kept = t_s >= pulses.ZERO_S - lead_s
+    found = analyzed(t_s[kept], pulses.noisy(pulses.crash(t_s, (-9.0, 0.0)))[kept])
+    row = rows_by_name(found)["delta_v_long_max"]
+    assert row["low"] <= -9.0 * 3.6 <= row["high"]
+    assert not any("begins in the impact" in note for note in warnings_of(found["metrics"]))
+
+
+def test_a_log_that_begins_in_the_impact_says_that_the_rest_of_it_is_in_no_number() -> None:
+    t_s = pulses.times()
+    kept = t_s >= pulses.ZERO_S + 0.04
+    found = analyzed(t_s[kept], pulses.crash(t_s, (-9.0, 0.0))[kept])
+    assert rows_by_name(found)["delta_v_long_max"]["value"] > -8.0 * 3.6
+    assert any("begins in the impact" in note for note in warnings_of(found["metrics"]))
+
+
 def test_the_declaration_has_no_fault() -> None:
     assert [stage.faults() for stage in declare_analyzers()] == [[]]
 

@@ -41,12 +41,15 @@ def test_time_zero_is_where_the_first_08_km_h_in_20_ms_begin() -> None:
     assert end * 1e-9 == pytest.approx(pulses.ZERO_S + 0.1 + 0.0156, abs=0.004)
 
 
-def test_a_silence_of_the_imu_in_a_crash_is_told() -> None:
+@pytest.mark.parametrize(("since_s", "length_ms"), [(0.03, 40), (-0.2, 250)])
+def test_a_silence_of_the_imu_in_a_crash_is_told(since_s: float, length_ms: int) -> None:
+    """Also one in which the crash begins: time zero is then the first sample after it."""
     t_s = pulses.times()
     accel = pulses.crash(t_s, (-12.0, 0.0), 0.1)
-    silent = (t_s > pulses.ZERO_S + 0.03) & (t_s < pulses.ZERO_S + 0.07)
+    since_s += pulses.ZERO_S
+    silent = (t_s > since_s) & (t_s < since_s + 1e-3 * length_ms)
     (told,) = warnings_of(detected(t_s[~silent], accel[~silent])["metrics"])
-    assert "in 1 of 1 crashes the imu is silent for up to 40 ms" in told
+    assert f"in 1 of 1 crashes the imu is silent for up to {length_ms} ms" in told
     before = (t_s > pulses.ZERO_S - 0.5) & (t_s < pulses.ZERO_S - 0.4)
     for kept in (~before, np.full(len(t_s), True)):
         assert warnings_of(detected(t_s[kept], accel[kept])["metrics"]) == []
