@@ -65,6 +65,8 @@ _LEAST_RATE: Final = 50.0
 """Hz; slower sampling may miss the pulse."""
 _LOOKED_AT_S: Final = 0.3
 """From time zero on, in which 49 CFR 563 has the largest change of velocity."""
+_NEARLY: Final = 0.3
+"""Of the trigger: what may have been a crash where the sensor came to the end of its range."""
 _SILENT_STEPS: Final = 3.0
 """Usual steps of the imu from which on a longer one is a silence."""
 KM_H: Final = 1.0 / 3.6
@@ -107,7 +109,7 @@ def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
     crashes = [event for event in found if event not in falls]
     fallen = [Event(e.start_ns, e.end_ns, "fall", e.value, e.unit, "impact after free fall") for e in falls]
     learnt += [Metric("crashes", float(len(crashes))), Metric("falls", float(len(falls)))]
-    learnt += _doubts(t_ns, crashes, falls, clips)
+    learnt += [*_doubts(t_ns, crashes, falls, clips), *_hidden(t_ns, horizontal, found, clips, params)]
     if unmeasured:
         names = " and ".join(unmeasured)
         learnt.append(warning(f"no value of imu in {names}: counted as zero, so nothing told along it holds"))
@@ -232,12 +234,33 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
             f"in {len(holed)} of {len(crashes)} crashes the imu is silent for up to {1e3 * max(holed):.0f} ms: a line "
             "joins the samples beside that, and no interval knows what was felt there"
         )
-    hit = [e for e in clips if any(c.start_ns <= e.end_ns and e.start_ns <= c.end_ns for c in crashes)]
+    hit = [clip for clip in clips if any(_meet(clip, event) for event in crashes)]
     if hit:
         yield warning(
             f"the accelerometer came to the end of its range ({hit[0].value or 0.0:.1f} m/s^2) in {len(hit)} "
             f"place{'s' * (len(hit) > 1)} during a crash: what lies beyond was not recorded"
         )
+
+
+def _hidden(
+    t_ns: NDArray[np.int64], accel: Array, found: list[Event], clips: list[Event], params: CrashParams
+) -> Iterable[Metric]:
+    """The range of the sensor may keep a crash from its trigger. accel : (n, k) m/s^2, horizontal; found : triggered"""
+    if all(any(_meet(clip, event) for event in found) for clip in clips):
+        return
+    nearly = _crashes(t_ns, accel, params.model_copy(update={"trigger": _NEARLY * params.trigger}))
+    for event in nearly:
+        if any(_meet(clip, event) for clip in clips) and not any(_meet(event, one) for one in found):
+            after, recorded = (event.start_ns - int(t_ns[0])) * 1e-9, np.floor(10.0 * (event.value or 0.0)) / 10.0
+            yield warning(
+                f"{after:.1f} s after the start the accelerometer was at the end of its range while the velocity "
+                f"changed by {recorded:.1f} km/h as recorded: this may be a crash of which too little was recorded; "
+                f"--set detector.crash.trigger='{recorded:.1f} km/h' takes it for one"
+            )
+
+
+def _meet(one: Event, other: Event) -> bool:
+    return one.start_ns <= other.end_ns and other.start_ns <= one.end_ns
 
 
 def _silence_s(t_ns: NDArray[np.int64], crash: Event) -> float:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,28 @@ def test_time_zero_is_where_the_first_08_km_h_in_20_ms_begin() -> None:
     # 0.8 km/h remain in the window until 20 - 4.4 ms after it. A sample is 2.5 ms, the step itself half a one.
     assert start * 1e-9 == pytest.approx(pulses.ZERO_S - 0.0156, abs=0.004)
     assert end * 1e-9 == pytest.approx(pulses.ZERO_S + 0.1 + 0.0156, abs=0.004)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_crash_that_the_range_of_the_sensor_hides_is_warned_of(turned: bool) -> None:
+    """2 g for 60 ms are 4 km/h however hard it was: too little for the trigger. Upright or aslant."""
+    t_s = pulses.times()
+    accel = pulses.noisy(pulses.crash(t_s, (-30.0 / 3.6, 0.0), 0.06))
+    if turned:
+        accel = accel @ np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])
+    found = detected(t_s, np.clip(accel, -2.0 * G, 2.0 * G))
+    assert not spans(found["events"], "crash")
+    (told,) = warnings_of(found["metrics"])
+    assert "this may be a crash of which too little was recorded" in told
+    advised = float(re.findall(r"trigger='([0-9.]+) km/h'", told)[0])
+    assert spans(detected(t_s, np.clip(accel, -2.0 * G, 2.0 * G), trigger=advised * KM_H)["events"], "crash")
+
+
+@pytest.mark.parametrize("bump", [pulses.pothole, pulses.speed_bump, pulses.railway_crossing, pulses.door_slam])
+def test_a_bump_beyond_the_range_of_the_sensor_is_no_hidden_crash(bump: Any) -> None:
+    t_s = pulses.times()
+    found = detected(t_s, np.clip(pulses.noisy(bump(t_s)), -2.0 * G, 2.0 * G))
+    assert not warnings_of(found["metrics"])
 
 
 @pytest.mark.parametrize(("since_s", "length_ms"), [(0.03, 40), (-0.2, 250)])
