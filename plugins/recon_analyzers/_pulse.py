@@ -46,6 +46,9 @@ _QUIET_S: Final = (1.5, 0.05)
 _SMOOTH_S: Final = 0.1
 LINEARITY: Final = 0.004
 """Sigma of the further scale error at the accelerations of an impact; data sheets allow 0.5 % of full scale."""
+_LEANS_S: Final = (0.1, 2.0)
+"""s before and after an impact between which a vehicle may have tipped."""
+_UP: Final = np.array([0.0, 0.0, 1.0])
 _WAKE_UP: Final = (0.8 / 3.6, 0.02)
 """m/s and s, by which time zero is found."""
 
@@ -302,6 +305,20 @@ def speed_at(trajectory: pa.Table | None, zero_ns: int, knots: pa.Table | None) 
     std = np.array([vector(trajectory.slice(row, 1), f"vel_std_{axis}", gaps=True)[0] for axis in "en"])
     east, north = std * (vel / speed if speed > 0.0 else np.array([1.0, 0.0]))
     return speed, float(np.sqrt(max(east**2 + north**2 + 2.0 * _correlation(knots, zero_ns) * east * north, 0.0)))
+
+
+def tipped(trajectory: pa.Table | None, span: tuple[int, int]) -> float | None:
+    """By how much the vertical of the vehicle leans otherwise once an impact is over than right before it: rad.
+
+    None where no trajectory tells it. span : ns, of the impact
+    """
+    if trajectory is None or not has(trajectory, "q"):
+        return None
+    t_ns = time_ns(trajectory)
+    rows = np.searchsorted(t_ns, [span[0] - round(_LEANS_S[0] * 1e9), span[1] + round(_LEANS_S[1] * 1e9)])
+    rows = np.clip(rows, 0, len(t_ns) - 1)
+    before, after = (rotate(conjugate(matrix(trajectory.slice(row, 1), "q", gaps=True)[0]), _UP) for row in rows)
+    return float(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after))
 
 
 def _correlation(knots: pa.Table | None, at_ns: int) -> float:

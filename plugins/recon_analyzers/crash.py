@@ -50,7 +50,7 @@ from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
 from recon.numerics.channel_class import LEAST_RATE
 from recon.rows import spans
 from recon_analyzers._crash_measures import OLDEST_DELTA_V_S, measures, time_of_max
-from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at, speed_at
+from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at, speed_at, tipped
 
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
     "delta_v_long_max": ("km/h", "as 49 CFR 563, but always to 300 ms; forward positive"),
@@ -86,6 +86,8 @@ _SURE: Final = 4.0
 """Sigmas beyond which a change of velocity was not recorded: simulated crashes that were are below 2."""
 _TOLD: Final = 3.0
 """Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
+_LEVEL: Final = np.radians(5.0)
+"""What roads, springs and flat tyres make of the lean of a vehicle within seconds is less."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
 """What can be told where nobody knows which way is forward."""
 _ALONG: Final[Mapping[str, tuple[str, ...]]] = {
@@ -135,6 +137,7 @@ def analyze_crash(
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
     speed = _speed(speed_at(trajectory, span[0], knots), numbers["delta_v_resultant_max"], params)
     rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion), *_closure(known, span, pulse)]
+    rows += _tipping(trajectory, span)
     return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
 
 
@@ -154,6 +157,17 @@ def _closure(known: Known, span: tuple[int, int], pulse: Pulse) -> Iterable[Metr
         yield warning(
             f"by the speed before and after, {3.6 * size:.1f} km/h of delta-V are not in the accelerations: was the "
             "sensor near the end of its range, or the pulse sampled too slowly? do not trust the intervals"
+        )
+
+
+def _tipping(trajectory: pa.Table | None, span: tuple[int, int]) -> Iterable[Metric]:
+    """Did the vehicle tip, or the box turn in its mount? What it feels is the same."""
+    lean = tipped(trajectory, span)
+    if lean is not None and lean > _LEVEL:
+        yield warning(
+            f"after the crash the box leans by {np.degrees(lean):.0f} deg from how it was right before: did the "
+            "vehicle tip, or come to stand askew? else the box was knocked in its mount, and no direction holds: that "
+            "of the force, what is told along and across, and the heading behind the crash"
         )
 
 

@@ -11,6 +11,7 @@ from metric_rows import rows_by_name
 from recon.knots import SIZE, Knots
 from recon.numerics.budget import Uncertain
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
+from recon.numerics.rotation import from_rotvec
 from recon.rows import warnings_of
 from recon.schema import IMU, KNOTS, TRAJECTORY, Change
 from recon.tables import Array, Streams, build
@@ -157,6 +158,27 @@ def test_a_log_that_begins_in_the_impact_says_that_the_rest_of_it_is_in_no_numbe
     found = analyzed(t_s[kept], pulses.crash(t_s, (-9.0, 0.0))[kept])
     assert rows_by_name(found)["delta_v_long_max"]["value"] > -8.0 * 3.6
     assert any("begins in the impact" in note for note in warnings_of(found["metrics"]))
+
+
+@pytest.mark.parametrize(("turn_deg", "told"), [
+    ((0.0, 0.0, 0.0), ""), ((3.0, -2.0, 0.0), ""), ((0.0, 0.0, 90.0), ""),
+    ((0.0, 12.0, 40.0), "leans by 12 deg"), ((-90.0, 0.0, 0.0), "leans by 90 deg"),
+])  # fmt: skip
+def test_a_box_that_leans_otherwise_after_the_crash_is_warned_of(turn_deg: tuple[float, ...], told: str) -> None:
+    """The vehicle may have tipped; a box that was knocked in its mount feels the same, and its axes are then wrong."""
+    t_s = pulses.times()
+    turned = np.clip(t_s - pulses.ZERO_S, 0.0, 0.1)[:, None] / 0.1 * np.radians(turn_deg)
+    accel = pulses.crash(t_s, (-9.0, 0.0)) - [0.0, 0.0, G]
+    none = np.zeros_like(accel)
+    time = np.rint(t_s * 1e9).astype(np.int64)
+    trajectory = build(TRAJECTORY, time=time, pos=none, vel=none, q=from_rotvec(turned), accel=accel, gyro=none)
+    events = detect(imu=pulses.imu_of(t_s, accel, None, VEHICLE), params=DetectorParams())["events"]
+    found = analyze_crash(
+        trajectory=trajectory, imu=None, knots=None, events=events, metrics=None, params=CrashParams()
+    )  # fmt: skip
+    leaning = [note for note in warnings_of(found["metrics"]) if "leans" in note]
+    assert len(leaning) == bool(told)
+    assert told in " ".join(leaning)
 
 
 def test_the_declaration_has_no_fault() -> None:
