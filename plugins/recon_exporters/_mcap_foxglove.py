@@ -1,7 +1,8 @@
-"""Channels of Foxglove's messages: places, poses, the car, events and warnings.
+"""Channels of Foxglove's messages: places, poses, events and warnings.
 
-Poses are those of the frame `vehicle` (x forward, y left, z up) in the frame `local` (East, North, Up about the
-anchor). Rows without a position are left out. An altitude that is not known is NaN, as is a velocity.
+Poses are those of the frame `vehicle` (x forward, y left, z up), or of one named after the stream, in the frame `local`
+(East, North, Up about one anchor for all). Rows without a position are left out. An altitude that is not known is NaN,
+as is a velocity.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon.numerics.rotation import conjugate, rotate
-from recon.tables import has, matrix, matrix_or_nan, meta, time_ns, vector, vector_or_nan
+from recon.schema import unnumbered
+from recon.tables import Array, has, matrix, matrix_or_nan, meta, time_ns, vector, vector_or_nan
 from recon.units import duration_text
 from recon_exporters._mcap_file import Channel, fixed_binary
 from recon_exporters._mcap_protobuf import (
@@ -38,12 +40,6 @@ VEHICLE: Final = "vehicle"
 
 _DIAGONAL_KNOWN: Final = 2
 _INFO, _WARNING = 2, 3
-_CAR_SIZE: Final = (4.5, 1.8, 1.5)
-"""m: a usual car. Only for the eye; its middle is drawn where the IMU is."""
-_BLUE: Final = (0.0, 0.447, 0.698, 0.8)
-_ORANGE: Final = (0.902, 0.624, 0.0, 1.0)
-_PATH_POINTS: Final = 5000
-_NO_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
 
 
 def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
@@ -75,26 +71,28 @@ def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
     return _channel(topic, "LocationFix", t_ns, parts, about) if len(rows) else None
 
 
-def pose_channels(stream: str, table: pa.Table, *, moves: bool) -> list[Channel]:
-    """PoseInFrame of the rows with a position and an attitude, none where there are none.
+def pose_channels(stream: str, table: pa.Table, position: Array) -> list[Channel]:
+    """PoseInFrame and FrameTransform of the rows with a position and an attitude, none where there are none.
 
-    moves : also FrameTransform and Odometry, its velocities in the frame `vehicle`
+    A trajectory also gets Odometry, its velocities in its own frame.
+
+    position : (n, 3) m in the frame `local`, NaN where it is not known
     """
-    if not (has(table, "pos") and has(table, "q")):
+    if not has(table, "q"):
         return []
-    position, q = matrix(table, "pos", gaps=True), matrix(table, "q", gaps=True)
+    frame, q = frame_of(stream), matrix(table, "q", gaps=True)
     rows = np.flatnonzero(np.isfinite(position).all(axis=1) & np.isfinite(q).all(axis=1))
     t_ns, position, q = time_ns(table)[rows], position[rows], q[rows]
     xyzw = q[:, [1, 2, 3, 0]]
 
-    def pose(some: slice) -> list[Part]:
-        return _pose(position[some].T, xyzw[some].T)
+    def placed(some: slice) -> list[Part]:
+        return pose(position[some].T, xyzw[some].T)
 
     def in_frame(some: slice) -> list[Part]:
-        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *message(3, pose(some))]
+        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *message(3, placed(some))]
 
     def frames(some: slice) -> list[Part]:
-        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *sized(3, VEHICLE)]
+        return [*timestamp(1, t_ns[some]), *sized(2, LOCAL), *sized(3, frame)]
 
     def transform(some: slice) -> list[Part]:
         return [*frames(some), *_placed(4, position[some].T, xyzw[some].T)]
@@ -102,44 +100,31 @@ def pose_channels(stream: str, table: pa.Table, *, moves: bool) -> list[Channel]
     def odometry(some: slice) -> list[Part]:
         velocity = rotate(conjugate(q[some]), vel[some])
         rates = [*message(5, doubles(1, velocity.T)), *message(6, doubles(1, gyro[some].T))]
-        return [*frames(some), *message(4, pose(some)), *rates]
+        return [*frames(some), *message(4, placed(some)), *rates]
 
-    channels = [_channel(f"/{stream}/pose", "PoseInFrame", t_ns, in_frame)]
-    if moves:
+    channels = [
+        _channel(f"/{stream}/pose", "PoseInFrame", t_ns, in_frame),
+        _channel("/tf" if frame == VEHICLE else f"/{stream}/tf", "FrameTransform", t_ns, transform),
+    ]
+    if unnumbered(stream) == "trajectory":
         vel, gyro = matrix_or_nan(table, "vel")[rows], matrix_or_nan(table, "gyro")[rows]
-        channels.append(_channel("/tf", "FrameTransform", t_ns, transform))
         channels.append(_channel(f"/{stream}/odometry", "Odometry", t_ns, odometry))
     return channels if len(rows) else []
 
 
-def _pose(position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:
+def frame_of(stream: str) -> str:
+    """The frame of the body whose way a stream tells."""
+    return VEHICLE if stream == "trajectory" else stream
+
+
+def pose(position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:
+    """The fields of a Pose."""
     return _placed(1, position, xyzw)
 
 
 def _placed(number: int, position: Iterable[object], xyzw: Iterable[object]) -> list[Part]:
     """A Vector3 and a Quaternion, numbered from `number`."""
     return [*message(number, doubles(1, position)), *message(number + 1, doubles(1, xyzw))]
-
-
-def scene_channel(table: pa.Table) -> Channel | None:
-    """SceneUpdate, one message: the car as a box with an arrow ahead, and the path; None without a position."""
-    position = matrix(table, "pos", gaps=True) if has(table, "pos") else np.zeros((0, 3))
-    rows = np.flatnonzero(np.isfinite(position).all(axis=1))
-    if not len(rows):
-        return None
-    t_ns = time_ns(table)[rows[:1]]
-    chosen = position[rows[np.linspace(0, len(rows) - 1, min(_PATH_POINTS, len(rows))).astype(np.intp)]]
-    still = message(1, _pose((0.0, 0.0, 0.0), _NO_ROTATION))
-    box = [*still, *message(2, doubles(1, _CAR_SIZE)), *message(3, doubles(1, _BLUE))]
-    front = message(1, _pose((_CAR_SIZE[0] / 2, 0.0, 0.0), _NO_ROTATION))
-    arrow = [*front, *doubles(2, (1.0, 0.15, 0.5, 0.4)), *message(6, doubles(1, _ORANGE))]
-    points = rows_of(message(5, doubles(1, chosen.T)), len(chosen)).tobytes()
-    line = [*message(2, _pose((0.0, 0.0, 0.0), _NO_ROTATION)), *doubles(3, (3.0,)), *whole(4, 1)]
-    line += [points, *message(6, doubles(1, _ORANGE))]
-    car = [*timestamp(1, t_ns), *sized(2, VEHICLE), *sized(3, "car"), *whole(5, 1)]
-    car += [*message(7, arrow), *message(8, box)]
-    path = [*timestamp(1, t_ns), *sized(2, LOCAL), *sized(3, "path"), *message(11, line)]
-    return _single("/scene", "SceneUpdate", t_ns, [joined([*message(2, car), *message(2, path)])])
 
 
 def event_channel(events: pa.Table) -> Channel:
@@ -152,7 +137,7 @@ def event_channel(events: pa.Table) -> Channel:
             if value not in (None, ""):
                 parts += message(3, [*sized(1, key), *sized(2, str(value))])
         bodies.append(joined(parts))
-    return _single("/events/spans", "Event", begin, bodies)
+    return single("/events/spans", "Event", begin, bodies)
 
 
 def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int) -> Channel:
@@ -173,10 +158,10 @@ def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int)
         joined([*timestamp(1, t_ns[row : row + 1]), *whole(2, level), *sized(3, text), *sized(4, name)])
         for row, (_, level, name, text) in enumerate(lines)
     ]
-    return _single("/log", "Log", t_ns, bodies)
+    return single("/log", "Log", t_ns, bodies)
 
 
-def _single(topic: str, title: str, t_ns: NDArray[np.int64], bodies: Sequence[bytes]) -> Channel:
+def single(topic: str, title: str, t_ns: NDArray[np.int64], bodies: Sequence[bytes]) -> Channel:
     """Messages that differ in length, (n,) rising in time."""
     return _of(topic, title, t_ns, lambda rows: pa.array(bodies[rows], pa.binary()), {})
 

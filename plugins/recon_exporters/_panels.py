@@ -73,11 +73,12 @@ class Panel:
 
 @dataclass(frozen=True)
 class Source:
-    """A stream that says where the vehicle is: its name for the legend, its role, its table."""
+    """A stream that says where the vehicle is: its name for the legend, its role, its table, its own name."""
 
     name: str
     role: str
     table: pa.Table
+    stream: str
 
 
 def panels_of(streams: Mapping[str, pa.Table]) -> list[Panel]:
@@ -103,7 +104,7 @@ def sources_of(streams: Mapping[str, pa.Table]) -> list[Source]:
         named = [name for name, table in streams.items() if unnumbered(name) == kind and table.num_rows]
         for number, name in enumerate(named, start=1):
             role = f"trajectory {number}" if kind == "trajectory" else kind
-            found.append(Source(str(meta(streams[name]).get("run", name)), role, streams[name]))
+            found.append(Source(str(meta(streams[name]).get("run", name)), role, streams[name], name))
     return found
 
 

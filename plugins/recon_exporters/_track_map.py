@@ -96,7 +96,7 @@ def track_map(streams: Mapping[str, pa.Table], spans: Sequence[Span], zero_ns: i
 
 def paths_of(streams: Mapping[str, pa.Table]) -> tuple[list[Path], tuple[float, float, float] | None]:
     """Trajectories, references, then GNSS, as far as they have positions of one kind, and where (0, 0) is (Sheet)."""
-    fixes = [Source(n, role_of_fixes(n), t) for n, t in streams.items() if unnumbered(n) == "gnss" and t.num_rows]
+    fixes = [Source(n, role_of_fixes(n), t, n) for n, t in streams.items() if unnumbered(n) == "gnss" and t.num_rows]
     everything = [*sources_of(streams), *fixes]
     placed = [source for source in everything if has(source.table, "lat") and has(source.table, "lon")]
     if not placed:

@@ -1,19 +1,21 @@
 """Everything in one MCAP file for viewers: Foxglove, Lichtblick, Rerun open it as it is.
 
-    /tf                        FrameTransform   where `vehicle` is in `local`
+    /tf                        FrameTransform   where `vehicle` is in `local`; /reference/tf, where `reference` is
     /trajectory/pose           PoseInFrame      the same as a pose; also /reference/pose
     /trajectory/odometry       Odometry         with velocity and angular rate, in the frame vehicle
     /trajectory/fix            LocationFix      for maps, with the sigmas of the position; also /reference/fix
     /gnss/fix                  LocationFix      raw GNSS, each receiver on its own
-    /scene                     SceneUpdate      a box for the car, and the path
+    /scene                     SceneUpdate      a box for the car, its way, the fixes; the same of the reference
     /events/spans, /log        Event, Log       what happened; warnings at the start
     /imu, /trajectory, ...     JSON             every stream with all columns that hold no lists, units in the schema
 
     attachment manifest.json   what made the run, without its block `environment`
     metadata recon.units       the unit of each column
 
-`vehicle` is x forward, y left, z up; `local` is East, North, Up about the anchor. Altitudes are as in the stream, above
-the height_datum that the channel's metadata name.
+`vehicle` is x forward, y left, z up; `local` is East, North, Up about the anchor of the trajectory. Streams with
+another anchor are brought there by latitude, longitude and height; without these they are not in space. A further
+trajectory (trajectory_2) is written as the reference is. Altitudes are as in the stream, above the height_datum that
+the channel's metadata name.
 
 References
     MCAP specification, version 0 (mcap.dev/spec); Foxglove message schemas, docs.foxglove.dev.
@@ -32,21 +34,17 @@ from recon.errors import DataError
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import NoParams
+from recon.placing import about_anchor, anchor_of
 from recon.recording import Recording
 from recon.schema import unnumbered
 from recon.stages import Exporter
 from recon.storage.json_text import to_json
-from recon.tables import schema_of, select_rows, time_ns
+from recon.tables import Array, meta, schema_of, select_rows, time_ns
 from recon_exporters._mcap_file import Attachment, Channel, write_file
-from recon_exporters._mcap_foxglove import (
-    VEHICLE,
-    event_channel,
-    location_channel,
-    log_channel,
-    pose_channels,
-    scene_channel,
-)
+from recon_exporters._mcap_foxglove import event_channel, frame_of, location_channel, log_channel, pose_channels
 from recon_exporters._mcap_json import json_channel
+from recon_exporters._mcap_scene import scene_channel
+from recon_exporters._panels import sources_of
 
 
 def mcap(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
@@ -77,20 +75,27 @@ def _in_order(table: pa.Table) -> pa.Table:
 
 
 def _for_viewers(streams: Mapping[str, pa.Table], about: RunInfo, start_ns: int) -> list[Channel]:
+    sources = sources_of(streams)
+    fixes = {name: table for name, table in streams.items() if unnumbered(name) == "gnss"}
+    places = _places({**{source.stream: source.table for source in sources}, **fixes})
     found: list[Channel | None] = []
-    for name, table in streams.items():
-        if name in ("trajectory", "reference"):
-            found += [location_channel(f"/{name}/fix", table, VEHICLE if name == "trajectory" else name)]
-            found += pose_channels(name, table, moves=name == "trajectory")
-        if unnumbered(name) == "gnss":
-            found += [location_channel(f"/{name}/fix", table, name)]
-    if "trajectory" in streams:
-        found.append(scene_channel(streams["trajectory"]))
+    for source in sources:
+        found += [location_channel(f"/{source.stream}/fix", source.table, frame_of(source.stream))]
+        found += pose_channels(source.stream, source.table, places[source.stream])
+    found += [location_channel(f"/{name}/fix", table, name) for name, table in fixes.items()]
+    found.append(scene_channel(sources, fixes, places))
     events = streams.get("events")
     if events is not None:
         found.append(event_channel(events))
     found.append(log_channel(about.warnings, events, start_ns))
     return [channel for channel in found if channel is not None]
+
+
+def _places(tables: Mapping[str, pa.Table]) -> dict[str, Array]:
+    """Where the rows of each stream are about the anchor of the first one: (n, 3) m, NaN where that is not known."""
+    first = next(iter(tables.values()), None)
+    datum = "" if first is None else str(meta(first).get("height_datum", ""))
+    return {name: about_anchor(table, anchor_of(first), datum) for name, table in tables.items()}
 
 
 def _units(streams: Mapping[str, pa.Table]) -> dict[str, str]:

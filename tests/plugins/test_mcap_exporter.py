@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import zlib
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,16 @@ from mcap_protobuf.decoder import DecoderFactory
 from recon.cli.view import _viewer
 from recon.errors import DataError
 from recon.manifest import RunInfo
+from recon.numerics.geodesy import Anchor, geodetic_to_enu
 from recon.numerics.rotation import from_euler
 from recon.parameters import NoParams
 from recon.rows import Metric, metrics
 from recon.schema import IMU, KNOTS, unnumbered
-from recon.tables import build, matrix, time_ns, vector
+from recon.tables import build, matrix, replace, time_ns, vector, with_meta
 from recon_exporters import mcap as module
 from recon_exporters._mcap_file import CHUNK_MESSAGES
 
+SOURCES = ("trajectory", "reference")
 Messages = dict[str, list[tuple[int, Any]]]
 
 
@@ -231,7 +234,32 @@ def test_events_and_warnings_are_told_when_they_happen(tmp_path):
     assert [time for time, _ in found["/events"]] == sorted(time for time, _ in found["/events"])
 
 
-def test_the_scene_holds_the_car_and_the_path(tmp_path):
+def anchored(lat: float, table: pa.Table) -> pa.Table:
+    """The table with the positions of its places about an anchor at that latitude."""
+    anchor = Anchor(lat, 11.3, 100.0)
+    place = (vector(table, name) for name in ("lat", "lon", "height"))
+    return with_meta(replace(table, pos=geodetic_to_enu(*place, anchor)), anchor=asdict(anchor))
+
+
+def test_what_has_another_anchor_is_brought_to_that_of_the_trajectory(tmp_path):
+    """The same way, told about anchors 1 km apart."""
+    here, there = (anchored(lat, drive(np.arange(200.0))) for lat in (44.5, 44.509))
+    found = decoded(export(tmp_path, {"trajectory": here, "reference": there}))
+    one, other = (np.array([vec(pose.pose.position) for _, pose in found[f"/{n}/pose"]]) for n in SOURCES)
+    assert np.array_equal(one, matrix(here, "pos"))
+    assert np.abs(one - other).max() < 1e-6 < 900.0 < np.abs(one - matrix(there, "pos")).max()
+    assert np.array_equal([vec(frame.translation) for _, frame in found["/reference/tf"]], other)
+    assert {frame.child_frame_id for _, frame in found["/reference/tf"]} == {"reference"}
+
+
+def test_the_place_of_a_reference_that_nothing_relates_to_the_trajectory_is_not_invented(tmp_path):
+    table = anchored(44.5, drive([0, 1, 2]))
+    found = decoded(export(tmp_path, {"trajectory": drive([0, 1]), "reference": table}))
+    assert found.keys() & {"/reference/pose", "/reference/tf"} == set()
+    assert len(found["/reference/fix"]) == 3
+
+
+def test_the_scene_holds_the_car_and_its_way(tmp_path):
     table = drive(np.arange(20_000) / 100)
     ((time, scene),) = decoded(export(tmp_path, {"trajectory": table}))["/scene"]
     car, path = scene.entities
@@ -241,6 +269,24 @@ def test_the_scene_holds_the_car_and_the_path(tmp_path):
     assert path.frame_id == "local"
     assert len(points) == 5000
     assert points[[0, -1]].tolist() == matrix(table, "pos")[[0, -1]].tolist()
+
+
+def test_the_scene_holds_the_reference_and_the_fixes_too(tmp_path):
+    streams = {"trajectory": anchored(44.5, drive([5, 6])), "reference": anchored(44.5, drive([0, 1]))}
+    there = with_meta(fixes([2, 3], lat=np.array([44.5, np.nan])), height_datum="ellipsoid")
+    ((time, scene),) = decoded(export(tmp_path, {**streams, "gnss": there}))["/scene"]
+    assert time == START_NS
+    assert [(each.id, each.frame_id) for each in scene.entities] == [
+        ("trajectory car", "vehicle"),
+        ("trajectory way", "local"),
+        ("reference car", "reference"),
+        ("reference way", "local"),
+        ("gnss", "local"),
+    ]
+    (fix,) = scene.entities[-1].spheres
+    wanted = geodetic_to_enu(44.5, 11.3 + 4e-5, 60.2, Anchor(44.5, 11.3, 100.0))
+    assert np.abs(np.array(vec(fix.pose.position)) - wanted).max() < 1e-6
+    assert (fix.color.r, fix.color.a) == (0xE6 / 255, 1.0)
 
 
 def everything() -> dict[str, pa.Table]:
