@@ -151,12 +151,18 @@ def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estima
     try:
         return estimate(drive, model, noise, learn_noise)
     except np.linalg.LinAlgError as error:  # a ValueError, too
-        raise DataError(
-            f"the log does not determine a trajectory: {error}", "are the units and the clocks of imu and gnss right?"
-        ) from error
+        raise undetermined(error) from error
     except ValueError as error:
         hint = "give a log of a drive; of a crash alone 'recon run crash_pulse LOG' tells how severe it was"
         raise DataError(f"there is no motion to find the heading: {error}", hint) from error
+
+
+def undetermined(error: np.linalg.LinAlgError) -> DataError:
+    """What to say of a log whose equations have no solution."""
+    return DataError(
+        f"the log does not determine a trajectory: {error}",
+        "are the units and the clocks of imu and gnss right, and was the box fixed in the vehicle?",
+    )
 
 
 def mounting_metrics(found: Estimate) -> list[Metric]:

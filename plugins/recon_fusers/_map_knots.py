@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon import KNOTS, Array, build, meta, time_ns, with_meta
+from recon.driving import undetermined
 from recon.knots import ATTITUDE, POSITION, SIZE, VELOCITY, Knots
 from recon.numerics.smoothing import Estimate, level_rotation
 from recon.numerics.smoothing import state as unknowns
@@ -45,10 +46,13 @@ def knots(found: Estimate, imu: pa.Table, trajectory: pa.Table) -> pa.Table:
 
 
 def _covariances(found: Estimate, t_ns: np.ndarray, rot_ln: Array, rot_lv: Array) -> Knots:
-    """rot_ln, rot_lv : (N, 3, 3)."""
+    """rot_ln, rot_lv : (N, 3, 3). Raises DataError where they are none to working precision."""
     inverse, smoother = found.inverse, found.smoother
     turn = _turn(rot_ln)
-    root = np.asarray(np.linalg.cholesky(turn @ inverse.conditional @ turn.swapaxes(1, 2)), np.float64)
+    try:
+        root = np.asarray(np.linalg.cholesky(turn @ inverse.conditional @ turn.swapaxes(1, 2)), np.float64)
+    except np.linalg.LinAlgError as error:
+        raise undetermined(error) from error
     chained = turn[:-1] @ inverse.gains @ turn[1:].swapaxes(1, 2) @ root[1:]
     shared = turn[:, :SIZE] @ inverse.sensitivity
     shared[:, ATTITUDE] += rot_lv @ np.eye(unknowns.COMMON_SIZE)[unknowns.MOUNT, smoother.free]

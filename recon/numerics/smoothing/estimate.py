@@ -143,7 +143,11 @@ def _without_outliers(smoother: Smoother, start: State, noise: Noise, near: bool
             return solved
     except np.linalg.LinAlgError:
         pass
-    return smoother.solve(smoother.solve(start, noise, "cauchy").state, noise, "tls")
+    fair = smoother.solve(start, noise, "cauchy")
+    try:
+        return smoother.solve(fair.state, noise, "tls")
+    except np.linalg.LinAlgError:  # it leaves no position that ties the drive to a place
+        return replace(fair, converged=False)
 
 
 def forward_speed(state: State) -> Floats:
