@@ -13,6 +13,7 @@ from recon.agreement import agreement, as_metrics
 from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, Noise
+from recon.numerics.smoothing.state import REAR
 
 _REJECTED: Final = 0.2
 """Share of fixes put aside, beyond which the rest is in doubt, too."""
@@ -28,6 +29,12 @@ _MOST_NOISE: Final = 300.0
 """The same of the white noise, beyond which hardly anything is left of what the IMU says."""
 _SLIDING: Final = 0.1
 """m/s across the track of the wheels, mean of a second: cars show 0.01 to 0.05, a box that turns in its mount more."""
+_STEEP: Final = np.radians(6.0)
+"""rad, sigma of the bank of a road; those of real roads come out below 2 deg."""
+_FAR: Final = np.array([np.inf, 2.0, 3.0])
+"""m, forward, left and up, beyond which the middle of the rear axle is in no vehicle,"""
+_SURELY: Final = 3.0
+"""if it is by so many sigmas."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
@@ -61,6 +68,8 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             "is much: take care of heading and mounting; has the box turned in its mount (then run the parts before "
             "and after by themselves, with --to and --from)? does it roll on wheels?"
         )
+    elif found.smoother.model.wheels:
+        notes += _loose(found)
     return [*map(warning, notes + _directions(found, trajectory)), *_compared(found, observed, trajectory, gnss)]
 
 
@@ -72,6 +81,27 @@ def _spun(found: Estimate) -> list[str]:
         f"{spin.end_s - spin.start_s:.2f} s: it may have turned {np.degrees(2.0 * spin.turn):.0f} deg further, and the "
         "heading behind it is only known as far as motion on wheels tells it"
         for spin in spins
+    ]
+
+
+def _loose(found: Estimate) -> list[str]:
+    """Does the vehicle come out as none is, as where its box swings?"""
+    state = found.solved.state
+    rear = state.rot_vs @ state.common[REAR]
+    sigma = np.sqrt(np.diag(state.rot_vs @ found.covariance_common[REAR, REAR] @ state.rot_vs.T))
+    off = (np.abs(rear) > _FAR) & (np.abs(rear) > _SURELY * sigma)
+    seen = [
+        f"the rear axle comes out {abs(rear[axis]):.1f} m {sides[0] if rear[axis] > 0.0 else sides[1]} the box"
+        for axis, sides in ((1, ("to the left of", "to the right of")), (2, ("above", "below")))
+        if off[axis]
+    ]
+    bank = found.solved.noise.bank
+    seen += [f"the road banks by {np.degrees(bank):.0f} deg in the mean"] if bank > _STEEP else []
+    if not seen:
+        return []
+    return [
+        f"{' and '.join(seen)}, as of a box that is loose in the vehicle: do not trust the heading, nor what is told "
+        "along and across; fix it, or run a part of the drive in which it stayed, with --from and --to"
     ]
 
 
