@@ -59,14 +59,15 @@ def kitti(paths: Sequence[Path]) -> Columns:
 
 
 def mcap(paths: Sequence[Path]) -> Columns:
-    """All columns of the streams, from their JSON messages."""
+    """All columns of the streams, from their JSON messages; /STREAM/... is made of them for viewers."""
     from mcap.reader import make_reader
 
     rows: dict[str, list[dict[str, Any]]] = {}
     with paths[0].open("rb") as file:
         for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            if channel.message_encoding == "json":
-                rows.setdefault(channel.topic.removeprefix("/"), []).append(json.loads(message.data))
+            stream = channel.topic.removeprefix("/")
+            if channel.message_encoding == "json" and "/" not in stream:
+                rows.setdefault(stream, []).append(json.loads(message.data))
     found = {}
     for stream, objects in rows.items():
         names = {name: None for one in objects for name in one}

@@ -7,8 +7,9 @@ as is a velocity.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +34,8 @@ from recon_exporters._mcap_protobuf import (
     whole,
 )
 from recon_exporters._mcap_schemas import DEFINITIONS
+from recon_exporters._text_columns import PLACE_DIGITS
+from recon_exporters._viewers import line_pieces
 from recon_exporters._words import unit_symbol, words
 
 LOCAL: Final = "local"
@@ -40,6 +43,7 @@ VEHICLE: Final = "vehicle"
 
 _DIAGONAL_KNOWN: Final = 2
 _INFO, _WARNING = 2, 3
+_SAME_S: Final = 1e-6
 
 
 def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
@@ -69,6 +73,25 @@ def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
 
     about = {"height_datum": str(meta(table).get("height_datum", "unknown"))}
     return _channel(topic, "LocationFix", t_ns, parts, about) if len(rows) else None
+
+
+def way_channel(topic: str, name: str, table: pa.Table) -> Channel | None:
+    """GeoJSON, one message: the way as lines without gaps; None without two rows with a latitude and longitude."""
+    if not (has(table, "lat") and has(table, "lon")):
+        return None
+    place = np.column_stack((vector(table, "lon", gaps=True), vector(table, "lat", gaps=True)))
+    known = np.flatnonzero(np.isfinite(place).all(axis=1))
+    t_ns = time_ns(table)[known]
+    lines = [place[known[rows]].round(PLACE_DIGITS).tolist() for rows in line_pieces(t_ns) if len(rows) > 1]
+    if not lines:
+        return None
+    feature = {
+        "type": "Feature",
+        "properties": {"name": name},
+        "geometry": {"type": "MultiLineString", "coordinates": lines},
+    }
+    text = json.dumps(feature, ensure_ascii=False, separators=(",", ":"))
+    return single(topic, "GeoJSON", t_ns[:1], [joined(sized(1, text))])
 
 
 def pose_channels(stream: str, table: pa.Table, position: Array) -> list[Channel]:
@@ -145,13 +168,9 @@ def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int)
     lines = [(start_ns, _WARNING, "warning", text) for text in warnings]
     if events is not None:
         begin, end = time_ns(events), time_ns(events, "end_time")
-        for row, event in enumerate(events.select(["kind", "value", "unit", "note"]).to_pylist()):
-            size = "" if event["value"] is None else f" {event['value']:.6g} {unit_symbol(event['unit'])}".rstrip()
-            lasted = duration_text(float(end[row] - begin[row]) * 1e-9)
-            note = f": {event['note']}" if event["note"] else ""
-            lines.append(
-                (int(begin[row]), _INFO, "event", f"{words(event['kind'] or 'event')}{size} for {lasted}{note}")
-            )
+        told = events.select(["kind", "value", "unit", "note"]).to_pylist()
+        lasts = ((end - begin) * 1e-9).tolist()
+        lines += [(int(begin[row]), _INFO, "event", _told(event, lasts[row])) for row, event in enumerate(told)]
     lines.sort(key=lambda line: line[0])
     t_ns = np.array([line[0] for line in lines], dtype=np.int64)
     bodies = [
@@ -159,6 +178,15 @@ def log_channel(warnings: Sequence[str], events: pa.Table | None, start_ns: int)
         for row, (_, level, name, text) in enumerate(lines)
     ]
     return single("/log", "Log", t_ns, bodies)
+
+
+def _told(event: Mapping[str, Any], lasts_s: float) -> str:
+    """An event in words; its value is not said again where that is how long it lasts."""
+    value, unit = event["value"], event["unit"]
+    again = value is None or (unit == "s" and abs(value - lasts_s) < _SAME_S)
+    size = "" if again else f" {value:.6g} {unit_symbol(unit)}".rstrip()
+    note = f": {event['note']}" if event["note"] else ""
+    return f"{words(event['kind'] or 'event')}{size} for {duration_text(lasts_s)}{note}"
 
 
 def single(topic: str, title: str, t_ns: NDArray[np.int64], bodies: Sequence[bytes]) -> Channel:

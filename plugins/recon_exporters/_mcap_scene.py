@@ -15,9 +15,8 @@ from recon_exporters._mcap_foxglove import LOCAL, frame_of, pose, single
 from recon_exporters._mcap_protobuf import Part, doubles, joined, message, rows_of, sized, timestamp, whole
 from recon_exporters._panels import Source
 from recon_exporters._style import on_dark, role_of_fixes
+from recon_exporters._viewers import BODY, line_pieces
 
-_CAR_SIZE: Final = (4.5, 1.8, 1.5)
-"""m: a usual car. Only for the eye; its middle is drawn where the trajectory is."""
 _FRONT: Final = "#F0E442"
 """Of the arrow that tells the front of a car: of no role."""
 _OPAQUE: Final = {"trajectory 1": 0.8}
@@ -41,12 +40,11 @@ def scene_channel(
     """
     entities: list[Part] = []
     for source in sources:
-        points = _thinned(places[source.stream])
-        if len(points):
-            start_ns = time_ns(source.table)[:1]
+        position = places[source.stream]
+        if np.isfinite(position).all(axis=1).any():
             if has(source.table, "q"):
-                entities += message(2, _car(source, start_ns))
-            entities += message(2, _way(source, points, start_ns))
+                entities += message(2, _car(source))
+            entities += message(2, _way(source, position))
     if not entities:
         return None
     for name, table in fixes.items():
@@ -68,21 +66,31 @@ def _entity(t_ns: NDArray[np.int64], frame: str, name: str) -> Iterator[Part]:
     yield from sized(3, name)
 
 
-def _car(source: Source, t_ns: NDArray[np.int64]) -> Iterable[Part]:
+def _car(source: Source) -> Iterable[Part]:
     """A box that moves with its frame, with an arrow ahead."""
     alpha = _OPAQUE.get(source.role, _FAINT)
-    box = [*_STILL, *message(2, doubles(1, _CAR_SIZE)), *message(3, _color(on_dark(source.role), alpha))]
-    front = message(1, pose((_CAR_SIZE[0] / 2, 0.0, 0.0), _NO_ROTATION))
+    box = [*_STILL, *message(2, doubles(1, BODY)), *message(3, _color(on_dark(source.role), alpha))]
+    front = message(1, pose((BODY[0] / 2, 0.0, 0.0), _NO_ROTATION))
     arrow = [*front, *doubles(2, (1.0, 0.15, 0.5, 0.4)), *message(6, _color(_FRONT, alpha))]
     frame = frame_of(source.stream)
-    return [*_entity(t_ns, frame, f"{source.stream} car"), *whole(5, 1), *message(7, arrow), *message(8, box)]
+    return [
+        *_entity(time_ns(source.table)[:1], frame, f"{source.stream} car"),
+        *whole(5, 1),
+        *message(7, arrow),
+        *message(8, box),
+    ]
 
 
-def _way(source: Source, points: Array, t_ns: NDArray[np.int64]) -> Iterable[Part]:
-    line = [*message(2, pose((0.0, 0.0, 0.0), _NO_ROTATION)), *doubles(3, (_WAY_PX,)), *whole(4, 1)]
-    line += [rows_of(message(5, doubles(1, points.T)), len(points)).tobytes()]
-    line += message(6, _color(on_dark(source.role)))
-    return [*_entity(t_ns, LOCAL, f"{source.stream} way"), *message(11, line)]
+def _way(source: Source, position: Array) -> Iterable[Part]:
+    """Lines that bridge no gap."""
+    known = np.flatnonzero(np.isfinite(position).all(axis=1))
+    t_ns, parts = time_ns(source.table)[known], []
+    for rows in line_pieces(t_ns):
+        points = position[known[rows]]
+        line = [*message(2, pose((0.0, 0.0, 0.0), _NO_ROTATION)), *doubles(3, (_WAY_PX,)), *whole(4, 1)]
+        line += [rows_of(message(5, doubles(1, points.T)), len(points)).tobytes()]
+        parts += message(11, [*line, *message(6, _color(on_dark(source.role)))])
+    return [*_entity(t_ns[:1], LOCAL, f"{source.stream} way"), *parts]
 
 
 def _fixes(stream: str, points: Array, t_ns: NDArray[np.int64]) -> Iterable[Part]:

@@ -36,6 +36,7 @@ DEFINITIONS: Final[Mapping[str, str]] = {
         foxglove.LocationFix.PositionCovarianceType position_covariance_type = 5;
         foxglove.Color color = 8; repeated foxglove.KeyValuePair metadata = 9;""",
     "foxglove.LocationFix.PositionCovarianceType": "UNKNOWN = 0; APPROXIMATED = 1; DIAGONAL_KNOWN = 2; KNOWN = 3;",
+    "foxglove.GeoJSON": "string geojson = 1;",
     "foxglove.Event": """
         google.protobuf.Timestamp start_time = 1; google.protobuf.Timestamp end_time = 2;
         repeated foxglove.KeyValuePair metadata = 3;""",

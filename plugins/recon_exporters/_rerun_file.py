@@ -11,16 +11,13 @@ from zlib import crc32
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import rerun as rr
-from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
 
+from recon.columns import Column
 from recon.manifest import RunInfo
 from recon.recording import Recording
-from recon.rows import spans
-from recon.schema import group_of, unnumbered
-from recon.tables import has, matrix, schema_of, time_ns
+from recon.tables import matrix, time_ns
 from recon_exporters._panels import Curve, Panel, panels_of
 from recon_exporters._rerun_camera import draw_frames
 from recon_exporters._rerun_layout import Shown, layout
@@ -28,14 +25,11 @@ from recon_exporters._rerun_space import draw_space
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, packed, times
 from recon_exporters._style import EVENTS, OTHER_EVENT, style_of
 from recon_exporters._text_columns import iso_8601
+from recon_exporters._viewers import lanes, sensor_groups, shown_in_degrees, shown_unit
 from recon_exporters._words import unit_symbol, words
 
-_SENSORS: Final = ("imu", "mag", "baro", "wheel")
-_DEGREES: Final = {"rad": "°", "rad/s": "°/s"}
 _NOTHING: Final = ""
 """State of a lane between two events."""
-_SHORTEST: Final = 500
-"""Lanes show an event as no shorter than this part of the run."""
 
 
 def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
@@ -54,7 +48,7 @@ def write(path: Path, streams: Mapping[str, pa.Table], about: RunInfo) -> None:
             for number, curve in enumerate(panel.curves):
                 _draw_curve(file, rr.new_entity_path(["plots", panel.key, str(number)]), curve)
         sensors = _draw_sensors(file, streams)
-        kinds = _draw_events(file, streams.get("events"), shortest_ns=(span[1] - span[0]) // _SHORTEST)
+        kinds = _draw_events(file, streams.get("events"), span)
         pictures = draw_frames(file, streams, about)
         file.log("about", rr.TextDocument(_text(about, space.left_out), media_type="text/markdown"), static=True)
         file.send_blueprint(layout(Shown(span, space, panels, sensors, kinds, pictures)))
@@ -98,45 +92,37 @@ def _sigma_panels(panels: Sequence[Panel]) -> Iterator[Panel]:
 
 
 def _draw_sensors(file: rr.RecordingStream, streams: Mapping[str, pa.Table]) -> dict[str, str]:
-    """Every number of the sensors that GNSS does not stand for; titles by path."""
+    """Every number of the sensors; titles by path."""
     titles = {}
-    for name, table in streams.items():
-        if unnumbered(name) not in _SENSORS or not table.num_rows:
-            continue
-        for group in dict.fromkeys(
-            group_of(column.name) for column in schema_of(table).columns if column.name != "time"
-        ):
-            if has(table, group):
-                path = f"sensors/{name}/{group}"
-                titles[path] = _draw_group(file, path, name, group, table)
+    for name, group, columns in sensor_groups(streams):
+        path = f"sensors/{name}/{group}"
+        titles[path] = _draw_group(file, path, name, group, columns, streams[name])
     return titles
 
 
-def _draw_group(file: rr.RecordingStream, path: str, stream: str, group: str, table: pa.Table) -> str:
+def _draw_group(
+    file: rr.RecordingStream, path: str, stream: str, group: str, columns: Sequence[Column], table: pa.Table
+) -> str:
     """All columns of a group as one plot; its title."""
-    columns = schema_of(table).columns_of(group)
     values = matrix(table, group, gaps=True)
     known = np.isfinite(values).all(axis=1)
     unit = columns[0].unit
-    shown = np.degrees(values[known]) if unit in _DEGREES else values[known]
+    shown = np.degrees(values[known]) if shown_in_degrees(unit) else values[known]
     names = [column.name for column in columns]
     colors = AXIS_COLORS[: len(names)] if len(names) <= len(AXIS_COLORS) else None
     file.log(path, _line(colors, names), static=True)
     scalars = rr.Scalars.columns(scalars=shown.ravel()).partition(np.full(len(shown), len(names)))
     file.send_columns(path, [times(time_ns(table)[known])], scalars)
-    return f"{words(group)} of {stream} [{_DEGREES.get(unit, unit_symbol(unit))}]"
+    return f"{words(group)} of {stream} [{shown_unit(unit)}]"
 
 
-def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns: int) -> list[str]:
+def _draw_events(file: rr.RecordingStream, events: pa.Table | None, span_ns: tuple[int, int]) -> list[str]:
     """A lane for each kind and a line of text for each event; the kinds."""
     if events is None or not events.num_rows:
         return []
-    kind_index = events.column_names.index("kind")
-    events = events.set_column(kind_index, "kind", pc.fill_null(events["kind"], "event"))
-    kinds = list(dict.fromkeys(events["kind"].to_pylist()))
-    for kind in kinds:
+    found = lanes(events, span_ns)
+    for kind, edges in found.items():
         path = rr.new_entity_path(["events", kind])
-        edges = _lane(spans(events, kind), shortest_ns)
         color = packed(EVENTS.get(kind, OTHER_EVENT))
         look = rr.StateConfiguration(values=[words(kind), _NOTHING], colors=[color, color], visible=[True, False])
         file.log(path, look, static=True)
@@ -144,19 +130,7 @@ def _draw_events(file: rr.RecordingStream, events: pa.Table | None, shortest_ns:
         file.send_columns(path, [times(edges)], states)
     lines = rr.TextLog.columns(text=_sentences(events))
     file.send_columns("events_as_text", [times(time_ns(events))], lines)
-    return kinds
-
-
-def _lane(found: Sequence[tuple[int, int]], shortest_ns: int) -> NDArray[np.int64]:
-    """Begin and end of each event, those that overlap as one: (2 m,) ns, rising."""
-    edges: list[int] = []
-    for begin, end in found:
-        end = max(end, begin + max(shortest_ns, 1))
-        if edges and begin <= edges[-1]:
-            edges[-1] = max(edges[-1], end)
-        else:
-            edges += [begin, end]
-    return np.array(edges, dtype=np.int64)
+    return list(found)
 
 
 def _sentences(events: pa.Table) -> list[str]:
@@ -169,7 +143,7 @@ def _sentences(events: pa.Table) -> list[str]:
 
 def _sentence(when: str, lasts: float, event: Mapping[str, Any]) -> str:
     value = "" if event["value"] is None else f"{event['value']:.6g} {unit_symbol(event['unit'])}".strip()
-    parts = [f"{when} {words(event['kind'])}, {lasts:.3f} s long", value, event["note"], event.get("step")]
+    parts = [f"{when} {words(event['kind'] or 'event')}, {lasts:.3f} s long", value, event["note"], event.get("step")]
     return "; ".join(part for part in parts if part)
 
 

@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 
 from recon_exporters._panels import Panel
 from recon_exporters._rerun_space import Drawn
+from recon_exporters._viewers import map_zoom
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,6 @@ class Shown:
     cameras: Sequence[str]
 
 
-_EARTH_M: Final = 4.0e7
-"""m around the equator."""
-_HALF_WINDOW_PX: Final = 100.0
-"""px from the middle of the map to its nearest edge, in a small window."""
 _TABS: Final = {"motion": "Motion", "attitude": "Motion", "uncertainty": "Sigmas", "residuals": "Residuals"}
 """Tab of each group of panels."""
 
@@ -60,18 +57,13 @@ def layout(shown: Shown) -> rrb.Blueprint:
 def _space(shown: Shown) -> Iterable[rrb.View]:
     space = shown.space
     if space.on_map:
-        yield rrb.MapView(origin="map", name="Map", zoom=_zoom(space.reach))
+        yield rrb.MapView(origin="map", name="Map", zoom=map_zoom(space.reach))
     elif space.reach > 0.0:
         yield _overview(space)
     if space.bodies:
         yield _beside(space)
     for name in shown.cameras:
         yield rrb.Spatial2DView(origin=f"camera/{name}", name=f"Camera {name}")
-
-
-def _zoom(reach: float) -> float:
-    """The level at which `reach` to either side fits a small window: the Earth has 256 px at level 0."""
-    return float(np.clip(np.log2(_EARTH_M * _HALF_WINDOW_PX / (256.0 * max(reach, 1.0))), 1.0, 19.0))
 
 
 def _overview(space: Drawn) -> rrb.View:

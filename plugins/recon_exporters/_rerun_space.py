@@ -26,18 +26,11 @@ from recon.numerics.geodesy import Anchor
 from recon.placing import about_anchor, anchor_of
 from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, meta, time_ns, vector
-from recon_exporters._decimate import gaps, pieces
 from recon_exporters._panels import Source, sources_of
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, times
 from recon_exporters._style import role_of_fixes
-from recon_exporters._tracks import due
+from recon_exporters._viewers import BODY, line_pieces
 
-LINE_RATE: Final = 10.0
-"""Hz: as many points of a line as the eye tells apart; bodies move at every row."""
-LONGEST_GAP: Final = 2.0
-"""s that a line bridges."""
-BODY: Final = (4.5, 1.8, 1.5)
-"""m: length, width and height of a passenger car, since no log tells its own."""
 AXIS: Final = 3.5
 """m"""
 
@@ -125,16 +118,8 @@ def _mounting(metrics: pa.Table | None) -> Array | None:
     return np.array([found[name] for name in _MOUNT]) if len(found) == len(_MOUNT) else None
 
 
-def _thinned(t_ns: NDArray[np.int64]) -> list[NDArray[np.intp]]:
-    """Rows of the lines that stand for a way: a few in a second, and both ends of each piece."""
-    begins = gaps(t_ns, LONGEST_GAP)
-    ends = np.append(begins[1:], True)
-    rows = np.flatnonzero(due(t_ns, LINE_RATE) | begins | ends)
-    return [rows[piece] for piece in pieces(rows, begins)]
-
-
 def _draw_path(file: rr.RecordingStream, source: Source, place: Place) -> None:
-    strips = [place.position[rows] for rows in _thinned(place.t_ns)]
+    strips = [place.position[rows] for rows in line_pieces(place.t_ns)]
     lines = rr.LineStrips3D(strips, colors=color_of(source.role), radii=rr.Radius.ui_points(1.5))
     file.log(["world", source.name, "path"], lines, static=True)
 
@@ -172,7 +157,7 @@ def _draw_on_map(file: rr.RecordingStream, name: str, role: str, table: pa.Table
         fixes = rr.GeoPoints(lat_lon=place, colors=color, radii=rr.Radius.ui_points(1.0))
         file.log(["map", name, "fixes"], fixes, static=True)
     else:
-        lines = [place[piece] for piece in _thinned(t_ns)]
+        lines = [place[piece] for piece in line_pieces(t_ns)]
         path = rr.GeoLineStrings(lat_lon=lines, colors=color, radii=rr.Radius.ui_points(2.5))
         file.log(["map", name, "path"], path, static=True)
     now = rr.GeoPoints.columns(positions=place)

@@ -1,4 +1,4 @@
-"""Everything in one MCAP file for viewers: Foxglove, Lichtblick, Rerun open it as it is.
+"""Everything in one MCAP file for viewers: Foxglove, Lichtblick, Rerun open it as it is; and a layout for Foxglove.
 
     /tf                        FrameTransform   where `vehicle` is in `local`; /reference/tf, where `reference` is
     /trajectory/pose           PoseInFrame      the same as a pose; also /reference/pose
@@ -6,6 +6,9 @@
     /trajectory/fix            LocationFix      for maps, with the sigmas of the position; also /reference/fix
     /gnss/fix                  LocationFix      raw GNSS, each receiver on its own
     /scene                     SceneUpdate      a box for the car, its way, the fixes; the same of the reference
+    /trajectory/way            GeoJSON          the way as lines for maps; also /reference/way
+    /trajectory/motion         JSON             speed, heading, pitch, roll, height with bands of two sigma, for plots
+    /events/states             JSON             what lasts, for lanes
     /events/spans, /log        Event, Log       what happened; warnings at the start
     /imu, /trajectory, ...     JSON             every stream with all columns that hold no lists, units in the schema
 
@@ -30,6 +33,7 @@ import numpy as np
 import pyarrow as pa
 
 from recon import __version__
+from recon.crash_summary import severest_impact
 from recon.errors import DataError
 from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
@@ -41,28 +45,45 @@ from recon.stages import Exporter
 from recon.storage.json_text import to_json
 from recon.tables import Array, meta, schema_of, select_rows, time_ns
 from recon_exporters._mcap_file import Attachment, Channel, write_file
-from recon_exporters._mcap_foxglove import event_channel, frame_of, location_channel, log_channel, pose_channels
+from recon_exporters._mcap_foxglove import (
+    event_channel,
+    frame_of,
+    location_channel,
+    log_channel,
+    pose_channels,
+    way_channel,
+)
 from recon_exporters._mcap_json import json_channel
+from recon_exporters._mcap_layout import layout
+from recon_exporters._mcap_plots import motion_channels, state_channel
 from recon_exporters._mcap_scene import scene_channel
-from recon_exporters._panels import sources_of
+from recon_exporters._mcap_tabs import Shown
+from recon_exporters._panels import panels_of, sources_of
+from recon_exporters._viewers import lanes
 
 
 def mcap(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
-    """Write `folder/recording.mcap`; its path. Raises DataError for times before 1970, which MCAP does not know."""
+    """Write `folder/recording.mcap` and `folder/foxglove_layout.json`; their paths.
+
+    Raises DataError for times before 1970, which MCAP does not know.
+    """
     span = Recording(streams).span_ns() or (0, 0)
     if span[0] < 0:
         raise DataError("there are times before 1970, which MCAP cannot hold", "set the clock where the log is read")
     ordered = {name: _in_order(table) for name, table in streams.items()}
     manifest = {key: value for key, value in about.manifest.items() if key != "environment"}
-    path = folder / "recording.mcap"
+    path, layout_path = folder / "recording.mcap", folder / "foxglove_layout.json"
+    channels, shown = _for_viewers(ordered, about, span)
+    channels += [json_channel(name, table, span[0]) for name, table in ordered.items()]
     write_file(
         path,
-        [*_for_viewers(ordered, about, span[0]), *(json_channel(name, t, span[0]) for name, t in ordered.items())],
+        channels,
         library=f"recon {__version__}",
         metadata={"recon.units": _units(streams)},
         attachments=[Attachment("manifest.json", "application/json", to_json(manifest, indent=1).encode())],
     )
-    return [path]
+    layout_path.write_bytes(f"{to_json(layout(shown), indent=1)}\n".encode())
+    return [path, layout_path]
 
 
 def _in_order(table: pa.Table) -> pa.Table:
@@ -74,21 +95,30 @@ def _in_order(table: pa.Table) -> pa.Table:
     return table if rises else select_rows(table, np.argsort(t_ns, kind="stable"))
 
 
-def _for_viewers(streams: Mapping[str, pa.Table], about: RunInfo, start_ns: int) -> list[Channel]:
-    sources = sources_of(streams)
+def _for_viewers(
+    streams: Mapping[str, pa.Table], about: RunInfo, span_ns: tuple[int, int]
+) -> tuple[list[Channel], Shown]:
+    """The channels beside those of the streams, and what a layout may show."""
+    sources, panels, events = sources_of(streams), panels_of(streams), streams.get("events")
     fixes = {name: table for name, table in streams.items() if unnumbered(name) == "gnss"}
     places = _places({**{source.stream: source.table for source in sources}, **fixes})
+    spells = lanes(events, span_ns)
     found: list[Channel | None] = []
     for source in sources:
         found += [location_channel(f"/{source.stream}/fix", source.table, frame_of(source.stream))]
+        found += [way_channel(f"/{source.stream}/way", source.name, source.table)]
         found += pose_channels(source.stream, source.table, places[source.stream])
     found += [location_channel(f"/{name}/fix", table, name) for name, table in fixes.items()]
+    found += motion_channels(panels, sources)
     found.append(scene_channel(sources, fixes, places))
-    events = streams.get("events")
+    found.append(state_channel(spells, span_ns[0]))
     if events is not None:
         found.append(event_channel(events))
-    found.append(log_channel(about.warnings, events, start_ns))
-    return [channel for channel in found if channel is not None]
+    found.append(log_channel(about.warnings, events, span_ns[0]))
+    channels = [channel for channel in found if channel is not None]
+    topics = frozenset(channel.topic for channel in channels if len(channel.t_ns))
+    impact_ns = severest_impact(events)
+    return channels, Shown(topics, streams, sources, panels, places, list(spells), span_ns[0], impact_ns)
 
 
 def _places(tables: Mapping[str, pa.Table]) -> dict[str, Array]:
