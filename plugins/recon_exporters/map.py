@@ -28,7 +28,7 @@ from recon.stages import Exporter
 from recon_exporters._page import asset, embedded
 from recon_exporters._style import EVENTS, OTHER_EVENT, STYLES
 from recon_exporters._text_columns import DIGITS, PLACE_DIGITS, iso_8601
-from recon_exporters._tracks import READS, MapParams, Mark, Track, chart_of
+from recon_exporters._tracks import READS, Chart, MapParams, Mark, Track, chart_of
 from recon_exporters._words import words
 
 _ROLES: Final = {"trajectory": "trajectory 1", "gnss": "gnss 1"}
@@ -57,8 +57,8 @@ def street_map(
     data = {
         "name": chart.name,
         "note": chart.note,
-        "tracks": [_track(track) for track in chart.tracks],
-        "marks": [_mark(mark) for mark in chart.marks],
+        "tracks": [_track(track, _first(chart)) for track in chart.tracks],
+        "marks": [_mark(mark, _first(chart)) for mark in chart.marks],
         "tiles": params.tiles,
         "attribution": escape(params.attribution),
     }
@@ -75,10 +75,20 @@ def street_map(
     return [path]
 
 
-def _track(track: Track) -> dict[str, Any]:
+def _first(chart: Chart) -> float:
+    """Longitude where the first track begins, deg: all of one map lie on the same side of the 180th meridian."""
+    return float(chart.tracks[0].lon[0])
+
+
+def _turns(lon: float, near: float) -> float:
+    """Whole circles, deg, that bring a longitude next to another one."""
+    return 360.0 * round((near - lon) / 360.0)
+
+
+def _track(track: Track, first: float) -> dict[str, Any]:
     """Times and places of each piece, with speeds; longitudes continuous, beyond 180 deg where need be."""
-    lon = np.degrees(np.unwrap(np.radians(track.lon))).round(PLACE_DIGITS)
-    places = np.column_stack((track.lat.round(PLACE_DIGITS), lon)).tolist()
+    lon = np.degrees(np.unwrap(np.radians(track.lon))) + _turns(float(track.lon[0]), first)
+    places = np.column_stack((track.lat.round(PLACE_DIGITS), lon.round(PLACE_DIGITS))).tolist()
     times = iso_8601(track.t_ns).to_pylist()
     speed = track.facts.get("speed", np.full(len(times), np.nan)).round(DIGITS)
     speeds = [None if np.isnan(value) else value for value in speed.tolist()]
@@ -91,9 +101,9 @@ def _track(track: Track) -> dict[str, Any]:
     }
 
 
-def _mark(mark: Mark) -> dict[str, Any]:
-    color = EVENTS.get(mark.kind, OTHER_EVENT)
-    return {"kind": words(mark.kind), "time": mark.time, "place": [mark.lat, mark.lon], "color": color, **mark.facts}
+def _mark(mark: Mark, first: float) -> dict[str, Any]:
+    color, place = EVENTS.get(mark.kind, OTHER_EVENT), [mark.lat, mark.lon + _turns(mark.lon, first)]
+    return {"kind": words(mark.kind), "time": mark.time, "place": place, "color": color, **mark.facts}
 
 
 @hookimpl

@@ -49,9 +49,12 @@ def test_places_and_speeds_are_those_of_the_stream(tmp_path):
 
 def test_a_drive_over_the_antimeridian_goes_on(tmp_path):
     lon = (179.9999 + 1e-6 * np.arange(301) + 180.0) % 360.0 - 180.0
-    _, data = export(tmp_path, trajectory=drive(TENTHS, lon=lon))
+    late = fixes(TENTHS[200:], lon=lon[200:])
+    _, data = export(tmp_path, trajectory=drive(TENTHS, lon=lon), gnss=late, events=happened((3, 4), (25, 26)))
     (piece,) = data["tracks"][0]["pieces"]
     assert np.diff([place[1] for place in piece["place"]]) == pytest.approx(np.full(300, 1e-6), abs=2e-9)
+    everything = [*data["marks"], *({"place": place} for place in data["tracks"][1]["pieces"][0]["place"])]
+    assert all(179.9 < one["place"][1] < 180.1 for one in everything)
 
 
 def test_a_log_without_a_place_is_told_so(tmp_path):
