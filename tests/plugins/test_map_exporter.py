@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from browser import opened, pixels, seen
 from exporter_tables import drive, fixes, happened
@@ -86,3 +87,11 @@ def test_the_page_itself_loads_no_address(tmp_path):
 def test_other_tiles_are_taken_as_they_are_named(tmp_path):
     _, data = export(tmp_path, trajectory=drive(TENTHS), tiles="https://t.example/{z}/{x}/{y}", attribution="<me>")
     assert (data["tiles"], data["attribution"]) == ("https://t.example/{z}/{x}/{y}", "&lt;me&gt;")
+
+
+def test_a_crash_is_seen_though_other_events_begin_where_it_does(tmp_path):
+    events = pa.concat_tables([happened((3, 4), kind=kind) for kind in ("saturation", "crash", "impact")])
+    path, data = export(tmp_path, trajectory=drive(TENTHS), events=events)
+    assert len({tuple(mark["place"]) for mark in data["marks"]}) == 1
+    # A ring of 7 points across and 3 wide has some 130 of them; the legend's own has fewer.
+    assert pixels(seen(path, tmp_path / "profile", 900, 600), "#d55e00", 25) > 130

@@ -39,7 +39,7 @@
       }
     }
   }
-  for (const mark of data.marks) {
+  for (const mark of [...data.marks].sort((a, b) => (a.kind === "crash") - (b.kind === "crash"))) {  // crashes on top
     const facts = Object.entries(mark).filter(([key]) => !["kind", "place", "color"].includes(key));
     const lines = facts.map(([key, value]) => `<br>${text(key)}: ${text(value)}`).join("");
     L.circleMarker(mark.place, {radius: 7, weight: 3, color: mark.color, fillColor: "#fff", fillOpacity: 0.9})
