@@ -43,6 +43,9 @@ _SMALL_MOVE: Final = {"cauchy": 1.0, "tls": 0.1}
 _STALE: Final = (3e-3, 1.0, 0.02)
 """Change of gyro bias rad/s, accel bias m/s^2 and scale beyond which their first order no longer does: increments are
 integrated anew. That of the accelerometer is linear but for the rotation."""
+_SPUN: Final = (5e-3, 0.05)
+"""rad and m/s by which a spin makes scale errors of the gyroscope and biases of the accelerometer miss between knots,
+where their share of an interval is that of its time: increments are integrated anew, too."""
 _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
 _SWINGING: Final = (6, 0.5)
@@ -221,4 +224,17 @@ def _stale(state: State, increments: Increments) -> bool:
     gyro = np.abs(state.gyro_bias[:, :-1] - increments.gyro_bias).max() / _STALE[0]
     accel = np.abs(state.accel_bias[:, :-1] - increments.accel_bias).max() / _STALE[1]
     scale = np.abs(state.common[SCALES] - increments.scale).max() / _STALE[2]
-    return bool(max(gyro, accel, scale) > 1.0)
+    return bool(max(gyro, accel, scale, *_spun(state, increments)) > 1.0)
+
+
+def _spun(state: State, increments: Increments) -> tuple[float, float]:
+    """What first-order corrections miss most in an interval that turns, by what they may.
+
+    k int w,    b T angle / 8:    the arc of b, turned as the vehicle turns, above its chord
+    """
+    scale = state.common[SCALES][:3] - increments.scale[:3]
+    bias = np.abs(state.accel_bias[:, :-1] - increments.accel_bias).max(axis=0)
+    turned = np.arccos(np.clip(0.5 * (np.trace(increments.rotation) - 1.0), -1.0, 1.0))
+    rotation = np.abs(np.einsum("ijk,j->ik", increments.rotation_gyro_scale, scale)).max()
+    velocity = (bias * increments.duration * turned / 8.0).max()
+    return float(rotation) / _SPUN[0], float(velocity) / _SPUN[1]
