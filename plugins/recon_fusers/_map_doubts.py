@@ -29,6 +29,8 @@ _MOST_NOISE: Final = 300.0
 """The same of the white noise, beyond which hardly anything is left of what the IMU says."""
 _SLIDING: Final = 0.1
 """m/s across the track of the wheels, mean of a second: cars show 0.01 to 0.05, a box that turns in its mount more."""
+_SLIDING_MOST: Final = 0.25
+"""m/s, near to the most that is learnt: what the wheels tell is hardly heard."""
 _STEEP: Final = np.radians(6.0)
 """rad, sigma of the bank of a road; those of real roads come out below 2 deg."""
 _FAR: Final = np.array([np.inf, 2.0, 3.0])
@@ -62,10 +64,12 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
         )
     notes += _misfit_of_imu(solved.noise, expected)
     notes += _spun(found)
-    if found.smoother.model.wheels and solved.noise.sideways > _SLIDING:
+    sideways = solved.noise.sideways
+    if found.smoother.model.wheels and sideways > _SLIDING:
+        verdict = "do not trust" if sideways > _SLIDING_MOST else "take care of"
         notes.append(
-            f"the wheels seem to slide sideways by {solved.noise.sideways:.2f} m/s in the mean of a second, where 0.05 "
-            "is much: take care of heading and mounting; has the box turned in its mount (then run the parts before "
+            f"the wheels seem to slide sideways by {sideways:.2f} m/s in the mean of a second, where 0.05 "
+            f"is much: {verdict} heading and mounting; has the box turned in its mount (then run the parts before "
             "and after by themselves, with --to and --from)? does it roll on wheels?"
         )
     elif found.smoother.model.wheels:

@@ -60,8 +60,9 @@ from recon.sensor_classes import NAMES, SensorClass, typical
 
 if TYPE_CHECKING:
     from recon.fixes import Observed, Trust
-    from recon.numerics.smoothing import Drive, Model, Noise
+    from recon.numerics.smoothing import Drive, Estimate, Model, Noise
     from recon.numerics.smoothing.aids import Speed
+    from recon.rows import Metric
 
 
 _OF_RECEIVERS = ("lat", "lon", "height", "speed", "course", "vel", "pos_std", "vel_std", "fix")
@@ -172,31 +173,42 @@ def fuse_map(
     from recon_fusers._map_doubts import doubts
     from recon_fusers._map_knots import knots
     from recon_fusers._map_metrics import estimates
+    from recon_fusers._map_turned import mounted, turned, turnings
 
     imu = measured(imu)
     start_ns = int(time_ns(imu)[0]) if imu.num_rows else 0
     observed = observe(gnss, start_ns, trust_of(params), params.reported_sigmas)
     impacts = impacts_of(imu, events, params.impact_error, params.slip_time)
-    drive = drive_of(imu, wheel, observed, start_ns, impacts)
     trust = AidTrust(params.baro_noise, params.baro_walk, params.steering, params.ground_level)
-    aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
     model, expected = model_of(params, attitude, baro, visual), noise_of(params, observed)
-    aids = (*aids, *_speed_alone(params, drive, model))
-    alone = solve(replace(drive, aids=aids), model, expected, params.estimate_noise)
-    others = zip(FURTHER_GNSS, (gnss_2, gnss_3, gnss_4), strict=True)
-    further = {name: table for name, table in others if table is not None and table.num_rows}
-    antennas = {name: getattr(params, f"antenna_{name[-1]}") for name in further}
-    every = with_further(alone, observed, further, antennas, start_ns, trust_of(params), params.reported_sigmas)
-    trajectory = tables.trajectory(every.found, observed, imu, gnss, params.output_rate)
-    learnt += [*estimates(every.found, every.observed), *every.learnt]
-    learnt += doubts(alone, observed, trajectory, gnss, expected)
+
+    def solved(imu: pa.Table, wheels: bool, noise: Noise) -> tuple[Estimate, list[Metric]]:
+        drive = drive_of(imu, wheel, observed, start_ns, impacts)
+        aids, learnt = aids_of(imu, baro, ground, visual, observed, start_ns, trust, wheel)
+        drive = replace(drive, aids=(*aids, *_speed_alone(params, drive, model)))
+        return solve(drive, replace(model, wheels=wheels), noise, params.estimate_noise), learnt
+
+    fit = mounted(imu, solved, expected, params.wheels, may_turn=visual is None)
+    further, antennas = _further(params, (gnss_2, gnss_3, gnss_4))
+    every = with_further(fit.found, observed, further, antennas, start_ns, trust_of(params), params.reported_sigmas)
+    trajectory = tables.trajectory(every.found, observed, fit.imu, gnss, params.output_rate)
+    learnt = [*fit.learnt, *estimates(every.found, every.observed), *every.learnt, *turned(fit.turns)]
     return {
         "trajectory": trajectory,
-        "knots": knots(every.found, imu, trajectory),
+        "knots": knots(every.found, fit.imu, trajectory),
         "residuals": tables.residuals(every.found, every.observed, every.kinds, {"gnss": gnss, **further}),
-        "events": event_rows(tables.happenings(every.found, start_ns)),
-        "metrics": metrics(learnt),
+        "events": event_rows([*tables.happenings(every.found, start_ns), *turnings(fit.turns, start_ns)]),
+        "metrics": metrics([*learnt, *doubts(fit.found, observed, trajectory, gnss, expected)]),
     }
+
+
+def _further(
+    params: MapParams, tables: tuple[pa.Table | None, ...]
+) -> tuple[dict[str, pa.Table], dict[str, tuple[float, float, float] | None]]:
+    """Further receivers that tell something, and where their antennas are as far as that is given; by stream."""
+    held = zip(FURTHER_GNSS, tables, strict=True)
+    further = {name: table for name, table in held if table is not None and table.num_rows}
+    return further, {name: getattr(params, f"antenna_{name[-1]}") for name in further}
 
 
 def _speed_alone(params: MapParams, drive: Drive, model: Model) -> list[Speed]:

@@ -9,9 +9,8 @@ from map_drives import drive, errors, fused, numbers, scaled, without
 
 from recon import KNOTS, RESIDUALS, TRAJECTORY, Streams, matrix, meta, seconds, time_ns, vector
 from recon.errors import DataError
-from recon.numerics.rotation import conjugate, from_euler, rotate
 from recon.rows import spans, warnings_of
-from recon.tables import conform, replace, select_rows, times
+from recon.tables import conform, select_rows, times
 
 OUTAGE = (150.0, 190.0)
 
@@ -234,21 +233,6 @@ def test_noise_far_beyond_what_was_expected_is_a_doubt(streams, times, doubted):
     told = {"gyro_noise": np.radians(0.01) / times, "accel_noise": 150e-6 * 9.80665 / times}
     notes = warnings_of(fused(streams, **told)["metrics"])
     assert any("contradict each other" in note for note in notes) == doubted
-
-
-def turned_in_its_mount(imu: pa.Table, at_s: float, yaw: float) -> pa.Table:
-    """As a box logs that turns by `yaw` deg about its z axis within a second and a half."""
-    share = np.clip((seconds(imu) - at_s) / 1.5, 0.0, 1.0)
-    q_old_new = from_euler(np.radians(yaw) * share, np.zeros_like(share), np.zeros_like(share))
-    vectors = {name: rotate(conjugate(q_old_new), matrix(imu, name)) for name in ("accel", "gyro")}
-    vectors["gyro"][:, 2] += np.where((share > 0.0) & (share < 1.0), np.radians(yaw) / 1.5, 0.0)
-    return replace(imu, **vectors)
-
-
-@pytest.mark.parametrize(("yaw", "doubted"), [(0.0, False), (10.0, True), (-10.0, True)])
-def test_a_box_that_turns_in_its_mount_is_a_doubt(streams, yaw, doubted):
-    notes = warnings_of(fused(streams, lambda s: {**s, "imu": turned_in_its_mount(s["imu"], 130.0, yaw)})["metrics"])
-    assert any("has the box turned in its mount" in note for note in notes) == doubted
 
 
 @pytest.mark.parametrize(("silence", "lost"), [((259.0, 274.0), True), ((100.0, 115.0), False)])
