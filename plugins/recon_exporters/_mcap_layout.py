@@ -25,6 +25,8 @@ from recon_exporters._words import words
 
 Mosaic = str | Json
 
+_LEFT, _ABOVE = 40.0, 78.0
+"""Per cent of the width and of the height."""
 _PLACE: Final = ("lat", "lon")
 _METRES_PER_DEGREE: Final = 111_320.0
 _GRID_LINES: Final = 400
@@ -35,15 +37,15 @@ _BELOW: Final = 0.75
 def layout(shown: Shown) -> Json:
     """The layout of all that there is."""
     made = Layout()
-    left = [each for each in (_space(made, shown), _map(made, shown)) if each]
+    places = [each for each in (_space(made, shown), _map(made, shown)) if each]
     tabs = [{"title": title, "layout": _grid(plots)} for title, plots in tabs_of(made, shown).items() if plots]
+    events = list(_events(made, shown))
+    left = [_split(places, "column")] if places else []
     right: list[Mosaic] = [made.add("Tab", "plots", activeTabIdx=0, tabs=tabs)] if tabs else []
-    below = list(_events(made, shown))
-    if below:
-        right.append(_split(below, "row"))
-    columns = [_split(left, "column")] if left else []
-    columns += [_split(right, "column", 78.0)] if right else []
-    whole = {"layout": _split(columns, "row", 40.0)} if columns else {}
+    below = [_split(events, "row")] if events else []
+    left, right = (left, [*right, *below]) if right else ([*left, *below], [])
+    columns = [_split(column, "column", _ABOVE) for column in (left, right) if column]
+    whole = {"layout": _split(columns, "row", _LEFT)} if columns else {}
     return {
         "configById": made.panels,
         "globalVariables": {},

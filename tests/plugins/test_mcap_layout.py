@@ -145,6 +145,12 @@ def test_a_crash_comes_first_and_is_seen_from_close_by(tmp_path: Path) -> None:
     assert [path["value"] for path in crash["paths"]] == [f"/trajectory.accel_{axis}" for axis in "xyz"]
 
 
+def test_without_plots_events_are_below_the_map(tmp_path: Path) -> None:
+    _, layout = export(tmp_path, CASES["fixes"], warnings=["the clock was not set"])
+    whole = layout["layout"]
+    assert (whole["direction"], whole["first"], whole["second"]) == ("column", "map!way", "RosOut!log")
+
+
 def test_the_map_shows_the_whole_drive(tmp_path: Path) -> None:
     """The drive is at 44.5 deg north, the fixes 111 km north of it: 2^8 of the world's 256 px hold 40 000 km."""
     _, layout = export(tmp_path, {"trajectory": drive([0, 100]), "gnss": fixes([0])})
