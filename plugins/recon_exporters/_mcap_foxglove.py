@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 
 from recon.numerics.rotation import conjugate, rotate
 from recon.schema import unnumbered
-from recon.tables import Array, has, matrix, matrix_or_nan, meta, time_ns, vector, vector_or_nan
+from recon.tables import (
+    Array,
+    has,
+    known_rows,
+    matrix,
+    matrix_or_nan,
+    meta,
+    select_rows,
+    time_ns,
+    vector,
+    vector_or_nan,
+)
 from recon.units import duration_text
 from recon_exporters._mcap_file import Channel, fixed_binary
 from recon_exporters._mcap_protobuf import (
@@ -73,6 +84,15 @@ def location_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
 
     about = {"height_datum": str(meta(table).get("height_datum", "unknown"))}
     return _channel(topic, "LocationFix", t_ns, parts, about) if len(rows) else None
+
+
+def place_channel(topic: str, table: pa.Table, frame: str) -> Channel | None:
+    """LocationFix of a few rows in a second, for a viewer that keeps them all."""
+    if not (has(table, "lat") and has(table, "lon")):
+        return None
+    known = np.flatnonzero(known_rows(table, "lat", "lon"))
+    kept = line_pieces(time_ns(table)[known])
+    return location_channel(topic, select_rows(table, known[np.concatenate(kept)]), frame) if kept else None
 
 
 def way_channel(topic: str, name: str, table: pa.Table) -> Channel | None:

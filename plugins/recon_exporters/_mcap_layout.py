@@ -124,6 +124,7 @@ def _map(made: Layout, shown: Shown) -> str | None:
     roles = {source.stream: source.role for source in shown.sources}
     roles |= {name: role_of_fixes(name) for name in shown.streams if unnumbered(name) == "gnss"}
     placed = [stream for stream in roles if f"/{stream}/fix" in shown.topics]
+    fine = [f"/{stream}/fix" for stream in placed if f"/{stream}/place" in shown.topics]
     if not placed:
         return None
     lat, lon = (np.concatenate([vector(shown.streams[name], axis, gaps=True) for name in placed]) for axis in _PLACE)
@@ -131,7 +132,7 @@ def _map(made: Layout, shown: Shown) -> str | None:
     center = {"lat": 0.5 * float(lat.min() + lat.max()), "lon": 0.5 * float(lon.min() + lon.max())}
     wide = float(np.ptp(lon)) * np.cos(np.radians(center["lat"]))
     reach = 0.5 * _METRES_PER_DEGREE * max(float(np.ptp(lat)), wide)
-    colors = {f"/{name}/{what}": on_dark(roles[name]) for name in placed for what in ("fix", "way")}
+    colors = {f"/{name}/{what}": on_dark(roles[name]) for name in placed for what in ("fix", "place", "way")}
     return made.add(
         "map",
         "way",
@@ -139,9 +140,9 @@ def _map(made: Layout, shown: Shown) -> str | None:
         zoomLevel=int(map_zoom(reach)),
         layer="map",
         customTileUrl="",
-        disabledTopics=[],
+        disabledTopics=fine,
         followTopic="",
-        topicColors={topic: color for topic, color in colors.items() if topic in shown.topics},
+        topicColors={topic: color for topic, color in colors.items() if topic in shown.topics and topic not in fine},
     )
 
 

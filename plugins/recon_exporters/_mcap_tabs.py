@@ -10,7 +10,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from recon.tables import Array, has
-from recon_exporters._mcap_plots import HIGH, LOW, MOTION, is_of
+from recon_exporters._mcap_plots import HIGH, LOW, SIGMAS, is_of
 from recon_exporters._panels import Curve, Panel, Source
 from recon_exporters._style import on_dark
 from recon_exporters._viewers import sensor_groups, shown_in_degrees, shown_unit
@@ -20,11 +20,11 @@ Json = dict[str, Any]
 
 _DEGREES: Final = ".@rad2deg"
 _TABS: Final = {"motion": "Motion", "attitude": "Attitude"}
-_SIGMAS: Final = (
-    ("pos_std", "enu", "Sigma of position", "m", ""),
-    ("vel_std", "enu", "Sigma of velocity", "m/s", ""),
-    ("att_std", ("roll", "pitch", "yaw"), "Sigma of attitude", "°", _DEGREES),
-)
+_SIGMA_TITLES: Final = {
+    "pos_std": "Sigma of position [m]",
+    "vel_std": "Sigma of velocity [m/s]",
+    "att_std": "Sigma of attitude [°]",
+}
 _LINE_LIGHT, _EDGE_LIGHT = 0.6, 0.85
 """Lightness of colours, of 1: Studio draws each value as a dot that is darker by 0.3, which else would be black."""
 _AXIS_ROLES: Final = ("x", "y", "z")
@@ -124,28 +124,23 @@ def _lighter(color: str, light: float) -> str:
 def _lines(panel: Panel, curve: Curve, sources: Sequence[Source]) -> Iterator[Json]:
     """A curve, and the edges of its band."""
     stream = next((source.stream for source in sources if is_of(curve, source)), None)
-    if panel.key in MOTION and stream is not None:
-        path = f"/{stream}/motion.{panel.key}"
-        if curve.sigma is not None:
-            for edge, sign in ((LOW, "−"), (HIGH, "+")):
-                yield _line(f"{path}_{edge}", f"{sign} 2σ", curve.role, _EDGE_LIGHT)
-        yield _line(path, curve.name, curve.role)
-    else:
-        size = _DEGREES if panel.unit.startswith("°") else ""
-        yield _line(f"/{stream or curve.name}.{panel.key}{size}", curve.name, curve.role)
+    path = f"/{curve.name}.{panel.key}" if stream is None else f"/{stream}/motion.{panel.key}"
+    if stream is not None and curve.sigma is not None:
+        for edge, sign in ((LOW, "−"), (HIGH, "+")):
+            yield _line(f"{path}_{edge}", f"{sign} 2σ", curve.role, _EDGE_LIGHT)
+    yield _line(path, curve.name, curve.role)
 
 
 def _sigma_plots(made: Layout, shown: Shown) -> Iterator[str]:
     """Of the first trajectory."""
     for source in shown.sources[:1]:
-        for group, axes, title, unit, size in _SIGMAS:
+        for group, axes in SIGMAS.items():
             if has(source.table, group):
-                paths = {axis: f"/{source.stream}.{group}_{axis}{size}" for axis in axes}
                 lines = [
-                    _line(path, words(f"std_{axis}").removeprefix("sigma "), role)
-                    for (axis, path), role in zip(paths.items(), _AXIS_ROLES, strict=True)
+                    _line(f"/{source.stream}/motion.{group}_{axis}", words(f"std_{axis}").removeprefix("sigma "), role)
+                    for axis, role in zip(axes, _AXIS_ROLES, strict=True)
                 ]
-                yield _plot(made, group, f"{title} [{unit}]", lines)
+                yield _plot(made, group, _SIGMA_TITLES[group], lines)
 
 
 def _sensor_plots(made: Layout, shown: Shown) -> Iterator[str]:
@@ -172,10 +167,12 @@ def _crash_plots(made: Layout, shown: Shown) -> Iterator[str]:
     """The pulse of the severest crash from close by."""
     zero = ((shown.impact_ns or 0) - shown.start_ns) * 1e-9
     window = (zero - _BEFORE_S, zero + _AFTER_S)
-    felt = [source.stream for source in shown.sources if has(source.table, "accel")] or ["imu"]
-    if has(shown.streams.get(felt[0]), "accel"):
-        lines = [_line(f"/{felt[0]}.accel_{axis}", axis, axis) for axis in "xyz"]
-        yield _plot(made, "crash_accel", f"Acceleration at the crash, {felt[0]} [m/s²]", lines, window_s=window)
+    moved = [source.stream for source in shown.sources if has(source.table, "accel")]
+    if moved or has(shown.streams.get("imu"), "accel"):
+        topic = f"/{moved[0]}/motion" if moved else "/imu"
+        lines = [_line(f"{topic}.accel_{axis}", axis, axis) for axis in "xyz"]
+        title = f"Acceleration at the crash, {moved[0] if moved else 'imu'} [m/s²]"
+        yield _plot(made, "crash_accel", title, lines, window_s=window)
     for panel in shown.panels:
         if panel.key == "speed":
             lines = [line for curve in panel.curves for line in _lines(panel, curve, shown.sources)]

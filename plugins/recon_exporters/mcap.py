@@ -6,8 +6,9 @@
     /trajectory/fix            LocationFix      for maps, with the sigmas of the position; also /reference/fix
     /gnss/fix                  LocationFix      raw GNSS, each receiver on its own
     /scene                     SceneUpdate      a box for the car, its way, the fixes; the same of the reference
+    /trajectory/place          LocationFix      ten in a second of the same, for a map that holds them all
     /trajectory/way            GeoJSON          the way as lines for maps; also /reference/way
-    /trajectory/motion         JSON             speed, heading, pitch, roll, height with bands of two sigma, for plots
+    /trajectory/motion         JSON             speed, accelerations, attitude, ..., with bands of two sigma, for plots
     /events/states             JSON             what lasts, for lanes
     /events/spans, /log        Event, Log       what happened; warnings at the start
     /imu, /trajectory, ...     JSON             every stream with all columns that hold no lists, units in the schema
@@ -50,6 +51,7 @@ from recon_exporters._mcap_foxglove import (
     frame_of,
     location_channel,
     log_channel,
+    place_channel,
     pose_channels,
     way_channel,
 )
@@ -102,14 +104,15 @@ def _for_viewers(
     sources, panels, events = sources_of(streams), panels_of(streams), streams.get("events")
     fixes = {name: table for name, table in streams.items() if unnumbered(name) == "gnss"}
     places = _places({**{source.stream: source.table for source in sources}, **fixes})
-    spells = lanes(events, span_ns)
+    spells, impact_ns = lanes(events, span_ns), severest_impact(events)
     found: list[Channel | None] = []
     for source in sources:
         found += [location_channel(f"/{source.stream}/fix", source.table, frame_of(source.stream))]
+        found += [place_channel(f"/{source.stream}/place", source.table, frame_of(source.stream))]
         found += [way_channel(f"/{source.stream}/way", source.name, source.table)]
         found += pose_channels(source.stream, source.table, places[source.stream])
     found += [location_channel(f"/{name}/fix", table, name) for name, table in fixes.items()]
-    found += motion_channels(panels, sources)
+    found += motion_channels(panels, sources, impact_ns)
     found.append(scene_channel(sources, fixes, places))
     found.append(state_channel(spells, span_ns[0]))
     if events is not None:
@@ -117,7 +120,6 @@ def _for_viewers(
     found.append(log_channel(about.warnings, events, span_ns[0]))
     channels = [channel for channel in found if channel is not None]
     topics = frozenset(channel.topic for channel in channels if len(channel.t_ns))
-    impact_ns = severest_impact(events)
     return channels, Shown(topics, streams, sources, panels, places, list(spells), span_ns[0], impact_ns)
 
 

@@ -34,10 +34,11 @@ def export(folder: Path, streams: dict[str, pa.Table], **manifest: Any) -> tuple
     paths = module.mcap(streams=streams, folder=folder, about=RunInfo("run", manifest), params=NoParams())
     assert [path.name for path in paths] == ["recording.mcap", "foxglove_layout.json"]
     found: Messages = {}
+    factory = DecoderFactory()
     with paths[0].open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             is_json = channel.message_encoding == "json"
-            decode = json.loads if is_json else DecoderFactory().decoder_for("protobuf", schema)
+            decode = json.loads if is_json else factory.decoder_for("protobuf", schema)
             found.setdefault(channel.topic, []).append((message.log_time, decode(message.data)))
     return found, json.loads(paths[1].read_text(encoding="utf-8"))
 
@@ -118,7 +119,9 @@ def test_all_that_is_shown_is_in_the_file(tmp_path: Path, streams: dict[str, pa.
         assert {space["followTf"], *(name.removeprefix("frame:") for name in space["transforms"])} <= frames
         assert space["topics"].keys() <= found.keys()
     for maps in panels(layout, "map").values():
-        assert maps["topicColors"].keys() == {topic for topic in found if topic.endswith(("/fix", "/way"))}
+        placed = {topic for topic in found if topic.endswith(("/fix", "/place", "/way"))}
+        assert maps["topicColors"].keys() | set(maps["disabledTopics"]) == placed
+        assert set(maps["disabledTopics"]) == {f"/{name}/fix" for name in streams if f"/{name}/place" in found}
     assert all(log["topicToRender"] in found for log in panels(layout, "RosOut").values())
 
 
@@ -142,7 +145,7 @@ def test_a_crash_comes_first_and_is_seen_from_close_by(tmp_path: Path) -> None:
     ]
     crash = panels(layout, "Plot")["crash_accel"]
     assert (crash["minXValue"], crash["maxXValue"], crash["isSynced"]) == (11.9, 12.4, False)
-    assert [path["value"] for path in crash["paths"]] == [f"/trajectory.accel_{axis}" for axis in "xyz"]
+    assert [path["value"] for path in crash["paths"]] == [f"/trajectory/motion.accel_{axis}" for axis in "xyz"]
 
 
 def test_without_plots_events_are_below_the_map(tmp_path: Path) -> None:
@@ -169,7 +172,7 @@ def test_without_an_attitude_the_way_is_seen_from_above(tmp_path: Path) -> None:
 
 
 def test_motion_is_told_in_the_units_of_people_with_bands_of_two_sigma(tmp_path: Path) -> None:
-    """5 m/s with 0.25 m/s along each axis; yaw 30 deg is heading 60 deg; 0.25 rad; 100 m and 0.25 m."""
+    """5 m/s with 0.25 m/s along each axis; yaw 30 deg is heading 60 deg; 0.25 everywhere else."""
     found, _ = export(tmp_path, {"trajectory": sure([0, 1])})
     times, (first, _) = zip(*found["/trajectory/motion"], strict=True)
     assert times == (START_NS, START_NS + SECOND)
@@ -178,8 +181,33 @@ def test_motion_is_told_in_the_units_of_people_with_bands_of_two_sigma(tmp_path:
     wanted = {"time": first["time"]}
     for name, value in middle.items():
         wanted |= {name: value, f"{name}_low": value - half[name], f"{name}_high": value + half[name]}
+    quarter = np.degrees(0.25)
+    wanted |= {f"att_std_{axis}": quarter for axis in ("roll", "pitch", "yaw")} | {"gyro_z": quarter}
+    wanted |= {f"{group}_std_{axis}": 0.25 for group in ("pos", "vel") for axis in "enu"}
+    wanted |= {f"accel_{axis}": 0.25 for axis in "xyz"}
     assert first.keys() == wanted.keys()
     assert all(abs(first[name] - wanted[name]) <= 0.6e-6 for name in wanted if name != "time")
+
+
+def test_plots_of_long_drives_lose_no_peak_nor_a_row_of_the_crash(tmp_path: Path) -> None:
+    """Of what hardly changes a row in each 1000th of the run stays; of every column its extremes."""
+    count = 20_000
+    accel = np.zeros((count, 3))
+    accel[[1234, 15_000], [0, 1]] = 70.0, -80.0
+    t_s = np.arange(count) / 100
+    hit = happened((100, 100.1), kind="impact", value=5.0, unit="m/s")
+    found, _ = export(tmp_path, {"trajectory": sure(t_s, accel=accel), "events": hit})
+    rows = [round((t_ns - START_NS) / SECOND * 100) for t_ns, _ in found["/trajectory/motion"]]
+    told = dict(zip(rows, (message for _, message in found["/trajectory/motion"]), strict=True))
+    assert (told[1234]["accel_x"], told[15_000]["accel_y"]) == (70.0, -80.0)
+    assert set(range(9_900, 10_101)) <= told.keys()
+    assert 1000 <= len(rows) < 5000
+
+
+def test_the_map_holds_ten_places_in_a_second(tmp_path: Path) -> None:
+    found, _ = export(tmp_path, {"trajectory": drive(np.arange(1000) / 100)})
+    every, few = ([fix.SerializeToString() for _, fix in found[f"/trajectory/{what}"]] for what in ("fix", "place"))
+    assert few == [*every[::10], every[-1]]
 
 
 def test_motion_that_is_not_known_is_left_out(tmp_path: Path) -> None:
