@@ -13,7 +13,7 @@ from recon.agreement import agreement, as_metrics
 from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, Noise
-from recon.numerics.smoothing.state import REAR
+from recon.numerics.smoothing.state import ACCEL_SCALE, GYRO_SCALE, REAR
 
 _REJECTED: Final = 0.2
 """Share of fixes put aside, beyond which the rest is in doubt, too."""
@@ -25,6 +25,8 @@ _LARGE_DRIFT: Final = (20.0, 5.0)
 """m, and times what was expected: a slow error of positions that is larger than both is none of a receiver."""
 _LARGE_NOISE: Final = {"gyro": 50.0, "accel": 50.0, "gyro_walk": 100.0, "accel_walk": 100.0}
 """Times what was expected of the IMU, beyond which it is the model that does not fit: a rough road makes thirty."""
+_LARGE_SCALE: Final = 4.0
+"""Sigmas of the class of a sensor, beyond which its scale error is none of that class."""
 _MOST_NOISE: Final = 300.0
 """The same of the white noise, beyond which hardly anything is left of what the IMU says."""
 _SLIDING: Final = 0.1
@@ -62,7 +64,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             f"GNSS positions stray by {drift:.0f} m from where the motion leads, {usual:.1f} m were expected: "
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
-    notes += _misfit_of_imu(solved.noise, expected)
+    notes += [*_misfit_of_imu(solved.noise, expected), *_scales(found)]
     notes += _spun(found)
     sideways = solved.noise.sideways
     if found.smoother.model.wheels and sideways > _SLIDING:
@@ -123,6 +125,21 @@ def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
         f"{sensor} and GNSS contradict each other: the {what} comes out {sizes[worst]:.0f} times what was expected: "
         f"{verdict}; does it roll on wheels? {_ASK}"
     ]
+
+
+def _scales(found: Estimate) -> list[str]:
+    """Does a scale error come out as no sensor of its class has one?"""
+    model, state = found.smoother.model, found.solved.state
+    notes = []
+    for sensor, part, usual in (("accel", ACCEL_SCALE, model.accel_scale), ("gyro", GYRO_SCALE, model.gyro_scale)):
+        worst = float(np.abs(state.common[part]).max())
+        if worst > _LARGE_SCALE * usual > 0.0:
+            notes.append(
+                f"the scale of {sensor} comes out {worst:.1%} off, where {usual:.1%} is the sigma of its class: the "
+                f"intervals are too small; is its range or its unit another? else --set fuser.map.{sensor}_scale="
+                f"'{100.0 * worst:.1f} %' makes them larger"
+            )
+    return notes
 
 
 def _misfit(name: str, sigma: Array, weight: Array, residual: Array, found: Estimate) -> list[str]:

@@ -30,6 +30,17 @@ def told(streams: Streams) -> list[str]:
     return [doubt for doubt in DOUBTS if any(doubt in note for note in warnings_of(fused(streams)["metrics"]))]
 
 
+@pytest.mark.parametrize(("part", "times", "doubted"), [
+    ("accel", 1.0, False), ("accel", 1.05, True), ("accel", 0.95, True), ("gyro", 1.05, True),
+])  # fmt: skip
+def test_a_scale_that_no_sensor_of_the_class_has_is_warned_of(part: str, times: float, doubted: bool) -> None:
+    log = drive("city", "consumer_mems", seed=3, duration=240.0)
+    imu = replace(log["imu"], **{part: times * matrix(log["imu"], part)})
+    notes = [note for note in warnings_of(fused({**log, "imu": imu})["metrics"]) if "the scale of" in note]
+    assert len(notes) == doubted
+    assert all(f"the scale of {part} comes out" in note for note in notes)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_box_that_swings_in_the_vehicle_is_warned_of(seed: int) -> None:
     log = drive("city", seed=seed, duration=120.0)
