@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -44,6 +45,13 @@ _SHORTEST_WAY: Final = 300.0
 _EARTH_RADIUS: Final = 6_371_000.0
 """m"""
 _AXIS: Final = re.compile(r"(.*?)([xyz])")
+_ALONG: Final = re.compile(r"(.*?) ?(n|e|d|u|north|east|down|up)")
+_STEMS: Final = {
+    "vel": (("v", "vel", "velocity"), "m/s"),
+    "pos_std": (("sd", "pos std", "position std"), "m"),
+    "vel_std": (("sdv", "vel std", "velocity std"), "m/s"),
+}
+"""Names of the groups along the axes of the Earth, without these, and their usual unit."""
 _TURNS: Final = {"rollrate": "x", "pitchrate": "y", "yawrate": "z"}
 
 
@@ -181,9 +189,11 @@ def axes_of(accel: Group) -> list[tuple[str, str]]:
 def gnss_groups(looks: Sequence[Look], times: Sequence[TimeLook]) -> list[Group]:
     """What a receiver reports, by the words of the header; speed alone where no columns can be a place."""
     found: dict[str, Look] = {}
+    along_earth = _along_earth(looks)
+    taken = {id(look) for group in along_earth for look in group.looks}
     for name, pattern in _SCALARS.items():
         for look in looks:
-            if re.search(pattern, look.phrase) and not re.search(_NOT_MEASURED, look.phrase):
+            if id(look) not in taken and re.search(pattern, look.phrase) and not re.search(_NOT_MEASURED, look.phrase):
                 found.setdefault(name, look)
     values = {name: _values(look) for name, look in found.items()}
     if "lat" not in found or "lon" not in found or np.nanmax(np.abs(values["lat"])) > 90:
@@ -191,7 +201,7 @@ def gnss_groups(looks: Sequence[Look], times: Sequence[TimeLook]) -> list[Group]
     if "fix" in found and not np.isin(values["fix"][~np.isnan(values["fix"])], (0, 1, 2, 3)).all():
         del found["fix"]
     groups = [_gnss_group(name, look, values, time_for([look], times)) for name, look in found.items()]
-    return groups + _velocity(looks) if groups else []
+    return groups + along_earth if groups else []
 
 
 def _gnss_group(name: str, look: Look, values: dict[str, Array], time: TimeLook) -> Group:
@@ -232,13 +242,16 @@ def _speed_unit(values: dict[str, Array], time: TimeLook) -> tuple[str, str]:
     return near, f"{doubt}its mean is {ratio:.3g} times that of the way along the positions in m/s"
 
 
-def _velocity(looks: Sequence[Look]) -> list[Group]:
-    """Velocity and sigma of the position, by names such as vn, ve, vd and sdn, sde, sdu."""
-    named = {look.phrase.replace(" ", ""): look for look in looks}
+def _along_earth(looks: Sequence[Look]) -> list[Group]:
+    """Velocity and sigmas along North, East and down or up, by names such as vn, vel_e, velocity_up and sdn."""
+    named: dict[tuple[str, str], Look] = {}
+    for look in looks:
+        if match := _ALONG.fullmatch(look.phrase):
+            named.setdefault((match[1].strip(), match[2][0]), look)
     found = []
-    for name, stem, usual in (("vel", "v", "m/s"), ("pos_std", "sd", "m")):
-        for letters in ("ned", "enu"):
-            columns = tuple(named[stem + one] for one in letters if stem + one in named)
+    for name, (stems, usual) in _STEMS.items():
+        for stem, letters in product(stems, ("ned", "enu")):
+            columns = tuple(named[stem, one] for one in letters if (stem, one) in named)
             if len(columns) == 3:
                 keys = f"unit: {columns[0].unit or usual}, axes: {letters.upper()}"
                 found.append(Group(name, columns, keys, "by the names"))

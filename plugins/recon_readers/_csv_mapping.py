@@ -119,7 +119,7 @@ class Gnss(Stream):
             raise ValueError("'height_datum' is missing: write mean_sea_level or ellipsoid")
         for name, source in self.sources.items():
             if isinstance(source, Vector) and not is_earth(source.axes):
-                raise ValueError(f"{name} needs axes of the Earth, such as 'axes: NED' or 'axes: ENU'")
+                raise ValueError(f"{name} needs axes of the Earth of its own, such as 'axes: NED' or 'axes: ENU'")
         return self
 
 

@@ -59,6 +59,28 @@ def test_the_unit_of_a_speed_is_told_by_the_positions(tmp_path: Path, factor: fl
     assert f"unit: {unit}}}" in proposed(tmp_path, "time,latitude,longitude,speed\n" + rows)
 
 
+@pytest.mark.parametrize(
+    ("columns", "axes"),
+    [
+        (("vn", "ve", "vd"), "NED"),
+        (("vel_e", "vel_n", "vel_u"), "ENU"),
+        (("Velocity North (m/s)", "Velocity East (m/s)", "Velocity Down (m/s)"), "NED"),
+    ],
+)
+def test_velocities_along_the_axes_of_the_earth_are_no_speeds(
+    tmp_path: Path, columns: tuple[str, str, str], axes: str
+) -> None:
+    rows = "".join(f"{i},{44.5 + 1e-4 * i:.8f},11.3,{i % 7},{i % 5},0.5\n" for i in range(100))
+    found = proposed(tmp_path, f"time,latitude,longitude,{','.join(columns)}\n{rows}")
+    assert f"axes: {axes}}}  # by the names" in found
+    gnss = read(path=tmp_path / "log.csv", params=params_of(found))["gnss"]
+    assert "speed" not in gnss.column_names
+    first, second = 5 % 7, 5 % 5
+    east, north = (second, first) if axes == "NED" else (first, second)
+    up = -0.5 if axes == "NED" else 0.5
+    assert [gnss[f"vel_{axis}"][5].as_py() for axis in "enu"] == [east, north, up]
+
+
 def test_names_that_yaml_would_misread_are_quoted(tmp_path: Path) -> None:
     header = 'Time (s),"Acceleration: x, (m/s^2)","Acceleration: y, (m/s^2)","Acceleration: z, (m/s^2)"\n'
     text = header + "".join(f"{i / 100},0,0,9.8\n" for i in range(50))
