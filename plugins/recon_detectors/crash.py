@@ -66,7 +66,7 @@ _LEAST_RATE: Final = 50.0
 _LOOKED_AT_S: Final = 0.3
 """From time zero on, in which 49 CFR 563 has the largest change of velocity."""
 _NEARLY: Final = 0.3
-"""Of the trigger: what may have been a crash where the sensor came to the end of its range."""
+"""Of the trigger: what may have been a crash where sensor or log came to their end."""
 _SILENT_STEPS: Final = 3.0
 """Usual steps of the imu from which on a longer one is a silence."""
 KM_H: Final = 1.0 / 3.6
@@ -104,12 +104,16 @@ def crash(*, imu: pa.Table, params: CrashParams) -> Streams:
     if len(t_ns) < 2:
         return {"events": events(clips), "metrics": metrics([Metric("crashes", 0.0), *learnt])}
     horizontal, force = _across_gravity(t_ns, accel, imu)
-    found = _crashes(t_ns, horizontal, params)
+    nearly = _crashes(t_ns, horizontal, params, _NEARLY * params.trigger)
+    found = [event for event in nearly if (event.value or 0.0) >= params.trigger / KM_H]
     falls = [event for event in found if _fell(event.start_ns, t_ns, force, params)]
     crashes = [event for event in found if event not in falls]
     fallen = [Event(e.start_ns, e.end_ns, "fall", e.value, e.unit, "impact after free fall") for e in falls]
     learnt += [Metric("crashes", float(len(crashes))), Metric("falls", float(len(falls)))]
-    learnt += [*_doubts(t_ns, crashes, falls, clips), *_hidden(t_ns, horizontal, found, clips, params)]
+    learnt += [
+        *_doubts(t_ns, crashes, falls, clips),
+        *_hidden(t_ns, [event for event in nearly if event not in found], clips),
+    ]
     if unmeasured:
         names = " and ".join(unmeasured)
         learnt.append(warning(f"no value of imu in {names}: counted as zero, so nothing told along it holds"))
@@ -144,8 +148,8 @@ def _up(t_ns: NDArray[np.int64], accel: Array) -> Array:
     return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1), 1e-9)[:, None])
 
 
-def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list[Event]:
-    """One event for each time awake in which the trigger is reached. accel : (n, k) m/s^2, horizontal."""
+def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams, trigger: float) -> list[Event]:
+    """One event for each time awake that reaches the trigger, m/s. accel : (n, k) m/s^2, horizontal"""
     t_s = (t_ns - t_ns[0]) * 1e-9
     vel = cumulative(t_s, accel, "trapezoid", held=np.diff(t_s) > _GAP_S)
     gained = _changed(t_s, vel, params.wake_up_time)
@@ -159,7 +163,7 @@ def _crashes(t_ns: NDArray[np.int64], accel: Array, params: CrashParams) -> list
     for group in np.split(rows, apart):
         until = np.searchsorted(t_s, t_s[group[-1]] + params.wake_up_time, side="right")
         largest = float(change[group[0] : until].max())
-        if largest < params.trigger:
+        if largest < trigger:
             continue
         zero_ns = int(t_ns[_woken(t_s, gained, int(group[0]), params)])
         start_ns = max(zero_ns, found[-1].end_ns) if found else zero_ns
@@ -242,21 +246,23 @@ def _doubts(t_ns: NDArray[np.int64], crashes: list[Event], falls: list[Event], c
         )
 
 
-def _hidden(
-    t_ns: NDArray[np.int64], accel: Array, found: list[Event], clips: list[Event], params: CrashParams
-) -> Iterable[Metric]:
-    """The range of the sensor may keep a crash from its trigger. accel : (n, k) m/s^2, horizontal; found : triggered"""
-    if all(any(_meet(clip, event) for event in found) for clip in clips):
-        return
-    nearly = _crashes(t_ns, accel, params.model_copy(update={"trigger": _NEARLY * params.trigger}))
-    for event in nearly:
-        if any(_meet(clip, event) for clip in clips) and not any(_meet(event, one) for one in found):
-            after, recorded = (event.start_ns - int(t_ns[0])) * 1e-9, np.floor(10.0 * (event.value or 0.0)) / 10.0
-            yield warning(
-                f"{after:.1f} s after the start the accelerometer was at the end of its range while the velocity "
-                f"changed by {recorded:.1f} km/h as recorded: this may be a crash of which too little was recorded; "
-                f"--set detector.crash.trigger='{recorded:.1f} km/h' takes it for one"
-            )
+def _hidden(t_ns: NDArray[np.int64], missed: list[Event], clips: list[Event]) -> Iterable[Metric]:
+    """What may be a crash, though the trigger was not reached. missed : changes of velocity near it"""
+    for event in missed:
+        if any(_meet(clip, event) for clip in clips):
+            how = "the accelerometer was at the end of its range"
+        elif event.end_ns >= t_ns[-1]:
+            how = "the log ends"
+        elif event.start_ns <= t_ns[0]:
+            how = "the log begins"
+        else:
+            continue
+        after, recorded = (event.start_ns - int(t_ns[0])) * 1e-9, np.floor(10.0 * (event.value or 0.0)) / 10.0
+        yield warning(
+            f"{after:.1f} s after the start {how} while the velocity changed by {recorded:.1f} km/h as recorded: "
+            f"this may be a crash of which too little was recorded; --set detector.crash.trigger='{recorded:.1f} km/h' "
+            "takes it for one"
+        )
 
 
 def _meet(one: Event, other: Event) -> bool:

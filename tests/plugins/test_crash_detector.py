@@ -57,6 +57,19 @@ def test_a_crash_that_the_range_of_the_sensor_hides_is_warned_of(turned: bool) -
     assert spans(detected(t_s, np.clip(accel, -2.0 * G, 2.0 * G), trigger=advised * KM_H)["events"], "crash")
 
 
+@pytest.mark.parametrize(("part", "how"), [(slice(None, 0.05), "the log ends"), (slice(0.08, None), "the log begins")])
+def test_a_log_that_ends_or_begins_in_a_crash_says_that_it_may_be_one(part: slice, how: str) -> None:
+    """Power may be lost, or come, in the impact: of 20 km/h in 120 ms some 6 are recorded."""
+    t_s = pulses.times()
+    since, until = (end if end is None else pulses.ZERO_S + end for end in (part.start, part.stop))
+    kept = (t_s >= (since or 0.0)) & (t_s < (until or np.inf))
+    accel = pulses.noisy(pulses.crash(t_s, (-20.0 / 3.6, 0.0)))[kept]
+    found = detected(t_s[kept], accel)
+    assert not spans(found["events"], "crash")
+    (told,) = warnings_of(found["metrics"])
+    assert how in told
+
+
 @pytest.mark.parametrize("bump", [pulses.pothole, pulses.speed_bump, pulses.railway_crossing, pulses.door_slam])
 def test_a_bump_beyond_the_range_of_the_sensor_is_no_hidden_crash(bump: Any) -> None:
     t_s = pulses.times()
