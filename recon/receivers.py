@@ -88,7 +88,8 @@ def _placed(
             slow = other.drift * found.solved.noise.drift / observed.drift
             receiver = find_receiver(found, other.fixes, slow, offset_s, _GIVEN_SIGMA)
         except (DataError, ValueError) as error:
-            left_out.append(warning(f"{name} is left out: {error}"))
+            why = error.message if isinstance(error, DataError) else error  # its hint is for a drive without GNSS
+            left_out.append(warning(f"{name} is left out: {why}"))
             continue
         off = _velocity_error(receiver)
         if off > _FOREIGN:

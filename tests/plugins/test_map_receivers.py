@@ -50,3 +50,10 @@ def test_a_receiver_of_another_vehicle_is_left_out_and_named(two):
     made = fused({**alone, "gnss_2": other})
     assert any(note.startswith("gnss_2 is left out") for note in warnings_of(made["metrics"]))
     assert made["trajectory"].equals(fused(alone)["trajectory"])
+
+
+def test_a_receiver_of_one_fix_is_left_out_with_a_reason_about_itself(two):
+    (told,) = warnings_of(
+        fused({"imu": two.imus[0], "gnss": two.gnss[0], "gnss_2": two.gnss[1].slice(0, 1)})["metrics"]
+    )
+    assert told == "gnss_2 is left out: not enough GNSS: needs two rows with a position or a speed, found 1 of 1"
