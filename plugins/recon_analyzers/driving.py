@@ -10,7 +10,7 @@ g-g diagram: seconds spent in each cell of acceleration along the way and to the
 
 References
     Milliken, Milliken (1995), "Race car vehicle dynamics", chapter 9 (g-g diagram, friction circle).
-    Commission Regulation (EU) 2016/427, appendix 7a (RPA, v a+).
+    Commission Regulation (EU) 2017/1151, annex IIIA, appendix 7a (RPA, v a+).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from recon import EVENTS, Analyzer, Array, Column, Metric, Params, Schema, Strea
 from recon.handling import NEED, Handling, handling_of
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.handling import (
+    GAINING,
     poisson_limits,
     rate_of_change,
     relative_positive_acceleration,
@@ -122,11 +123,11 @@ def _smoothness(part: Handling, params: DrivingParams) -> Iterator[Metric]:
     for name, values in (("along", part.along), ("left", part.left)):
         jerk = rate_of_change(part.t_ns, values, part.max_gap_s)[moving]
         yield Metric(f"jerk_{name}_rms", _rms(jerk, weight), "m/s^3", method=f"low-passed at {params.cutoff:g} Hz")
-    yield Metric("rpa", relative_positive_acceleration(speed, along, weight), "m/s^2", method="EU 2016/427, 7a")
-    gains = along > 0.1
+    yield Metric("rpa", relative_positive_acceleration(speed, along, weight), "m/s^2", method="EU 2017/1151, IIIA, 7a")
+    gains = along > GAINING
     value = weighted_quantile((speed * along)[gains], weight[gains], 0.95)
     if np.isfinite(value):
-        yield Metric("va_pos_p95", value, "m^2/s^3", method="EU 2016/427, 7a", note="where a exceeds 0.1 m/s^2")
+        yield Metric("va_pos_p95", value, "m^2/s^3", method="EU 2017/1151, IIIA, 7a", note="where a exceeds 0.1 m/s^2")
 
 
 def _rms(values: Array, weight: Array) -> float:
@@ -170,10 +171,13 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="driving",
         summary="g-g diagram, friction circle, smoothness and harsh events for 100 km, whole and by trip.",
-        version=3,
+        version=4,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"gg": GG},
         run=analyze_driving,
-        references=("Milliken, Milliken (1995), Race car vehicle dynamics", "Commission Regulation (EU) 2016/427, 7a"),
+        references=(
+            "Milliken, Milliken (1995), Race car vehicle dynamics",
+            "Commission Regulation (EU) 2017/1151, IIIA, 7a",
+        ),
     )

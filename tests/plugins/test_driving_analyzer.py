@@ -71,11 +71,18 @@ def test_a_bend_to_the_left_shows_on_the_left():
 
 
 def test_relative_positive_acceleration_is_gained_energy_over_the_way():
-    """From 20 to 30 m/s: integral of v a = (30^2 - 20^2) / 2, over the way; the ends of the means add second order."""
+    """From 20 to 30 m/s: integral of v a = (30^2 - 20^2) / 2, over the way; the ends of the means add second order, and
+    what they have below 0.1 m/s^2, 5 x^4 / 24 with x up to 0.83 of a width, is 0.4 thousandths.
+    """
     found = told(analyzed(braking(-5.0, duration_s=2.0)))
     way = found["distance"]["value"]
-    assert found["rpa"]["value"] == pytest.approx(0.5 * (30.0**2 - 20.0**2) / way, rel=1e-3)
+    assert found["rpa"]["value"] == pytest.approx(0.5 * (30.0**2 - 20.0**2) / way, rel=1.5e-3)
     assert found["va_pos_p95"]["value"] == pytest.approx(0.95 * 50.0 + 100.0, rel=0.05)
+
+
+def test_hardly_any_acceleration_is_none():
+    found = told(analyzed(braking(-0.05, duration_s=20.0)))
+    assert found["rpa"]["value"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_jerk_is_that_of_the_low_passed_edge():
