@@ -39,15 +39,19 @@ from recon import (
     Metric,
     Streams,
     events,
+    has,
     hookimpl,
+    matrix,
     metrics,
     quantity,
     setting,
+    time_ns,
     warning,
 )
 from recon.numerics import severity
 from recon.numerics.budget import NORMAL_95, Doubt, Pulse, Uncertain, propagate
 from recon.numerics.channel_class import LEAST_RATE
+from recon.numerics.rotation import conjugate, rotate
 from recon.rows import spans
 from recon_analyzers._crash_measures import OLDEST_DELTA_V_S, measures, time_of_max
 from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at, speed_at, tipped
@@ -135,7 +139,8 @@ def analyze_crash(
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
     span, pulse, numbers = max(told, key=lambda one: one[2]["delta_v_resultant_max"].value)
-    speed = _speed(speed_at(trajectory, span[0], knots), numbers["delta_v_resultant_max"], params)
+    before = speed_at(trajectory, span[0], knots)
+    speed = _speed(before, _way(trajectory, span[0], before), numbers["delta_v_resultant_max"], params)
     rows = [Metric("impacts", float(len(told))), speed, *_rows(numbers, motion), *_closure(known, span, pulse)]
     rows += _tipping(trajectory, span)
     return _answer([_impact(s, n) for s, _, n in told], [*rows, *_doubts(pulse, numbers, motion)])
@@ -186,11 +191,22 @@ def _sigma_unclipped(found: Uncertain) -> float:
     return float(np.sqrt(max(found.sigma**2 - found.shares.get("clipping", 0.0) ** 2, 0.0)))
 
 
-def _speed(known: tuple[float, float] | None, gained: Uncertain, params: CrashParams) -> Metric:
-    """known : speed and sigma by the trajectory, m/s"""
+def _way(trajectory: pa.Table | None, zero_ns: int, known: tuple[float, float] | None) -> str:
+    """Where the vehicle went as seen from its seats, unless ahead. known : as of _speed"""
+    if trajectory is None or known is None or not known[0] > _SURE * known[1] or not has(trajectory, "q"):
+        return ""
+    row = trajectory.slice(int(np.searchsorted(time_ns(trajectory), zero_ns)), 1)
+    ahead, left, _ = rotate(conjugate(matrix(row, "q", gaps=True)[0]), matrix(row, "vel", gaps=True)[0])
+    if ahead > abs(left):
+        return ""
+    return ", backwards" if -ahead > abs(left) else f", sideways to the {'left' if left > 0.0 else 'right'}"
+
+
+def _speed(known: tuple[float, float] | None, way: str, gained: Uncertain, params: CrashParams) -> Metric:
+    """known : speed and sigma by the trajectory, m/s; way : where it went, unless ahead"""
     if known is not None and np.isfinite(known[0]):
         speed, sigma = (3.6 * value for value in known)
-        method, note = "trajectory at time zero, with the sigma of its velocity", "horizontal"
+        method, note = "trajectory at time zero, with the sigma of its velocity", f"horizontal{way}"
     elif params.restitution is not None:
         return _speed_of_impact(gained, params.restitution, params.restitution_sigma)
     else:

@@ -127,9 +127,12 @@ def _sentence(rows: Mapping[str, Json]) -> str:
 
 
 def _supposed(rows: Mapping[str, Json]) -> str:
-    """What the speed before rests on, where no trajectory told it."""
+    """What the speed before rests on, where no trajectory told it; else where it went, unless ahead."""
     row = rows.get("speed_before")
-    return f" ({escape(row['note'])})" if row and row["note"] and not row["method"].startswith("trajectory") else ""
+    if not row or not row["note"]:
+        return ""
+    _, _, way = row["note"].partition(", ")
+    return f" {escape(way)}".rstrip() if row["method"].startswith("trajectory") else f" ({escape(row['note'])})"
 
 
 def _with_interval(row: Json) -> str:

@@ -11,7 +11,7 @@ from metric_rows import rows_by_name
 from recon.knots import SIZE, Knots
 from recon.numerics.budget import Uncertain
 from recon.numerics.geodesy import STANDARD_GRAVITY as G
-from recon.numerics.rotation import from_rotvec
+from recon.numerics.rotation import from_rotvec, rotate
 from recon.rows import warnings_of
 from recon.schema import IMU, KNOTS, TRAJECTORY, Change
 from recon.tables import Array, Streams, build
@@ -179,6 +179,26 @@ def test_a_box_that_leans_otherwise_after_the_crash_is_warned_of(turn_deg: tuple
     leaning = [note for note in warnings_of(found["metrics"]) if "leans" in note]
     assert len(leaning) == bool(told)
     assert told in " ".join(leaning)
+
+
+@pytest.mark.parametrize(("way", "told"), [
+    ((9.0, 1.0), "horizontal"), ((0.01, -0.02), "horizontal"),
+    ((-9.0, 1.0), "horizontal, backwards"), ((2.0, 9.0), "horizontal, sideways to the left"),
+])  # fmt: skip
+def test_a_speed_before_that_was_not_ahead_says_so(way: tuple[float, float], told: str) -> None:
+    """A crash in reverse would be read as one from behind; what stands goes nowhere."""
+    t_s = pulses.times()
+    accel = pulses.crash(t_s, (9.0, 0.0)) - [0.0, 0.0, G]
+    none = np.zeros_like(accel)
+    q = np.tile(from_rotvec(np.array([0.0, 0.0, 2.0])), (len(t_s), 1))
+    vel = rotate(q, np.array([*way, 0.0]))
+    time = np.rint(t_s * 1e9).astype(np.int64)
+    trajectory = build(TRAJECTORY, time=time, pos=none, vel=vel, q=q, accel=accel, gyro=none, vel_std=none + 0.05)
+    events = detect(imu=pulses.imu_of(t_s, accel, None, VEHICLE), params=DetectorParams())["events"]
+    found = analyze_crash(
+        trajectory=trajectory, imu=None, knots=None, events=events, metrics=None, params=CrashParams()
+    )  # fmt: skip
+    assert rows_by_name(found)["speed_before"]["note"] == told
 
 
 def test_the_declaration_has_no_fault() -> None:

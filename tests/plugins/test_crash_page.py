@@ -100,6 +100,12 @@ def test_the_page_says_first_what_happened(tmp_path):
     assert "the force came from <b>30° (95 %: 26 to 34°)</b>, clockwise from straight ahead" in text
 
 
+def test_a_speed_before_that_was_not_ahead_says_so(tmp_path):
+    how, note = "trajectory at time zero", "horizontal, backwards"
+    speed = Metric("speed_before", 14.0, "km/h", 0.5, 13.0, 15.0, how, note)
+    assert "</b> backwards, the velocity changed by" in section(made(tmp_path, learnt=judged(speed_before=speed)))
+
+
 def test_a_speed_before_that_is_supposed_says_so(tmp_path):
     speed = Metric(
         "speed_before", 57.5, "km/h", 2.5, 52.6, 62.4, "delta-V over 1 + restitution", "as if against <a wall>"
