@@ -13,7 +13,7 @@ from map_drives import drive, fused
 from recon.driving import impacts_of
 from recon.numerics.rotation import angle, conjugate, from_rotvec, multiply, rotate
 from recon.rows import spans, warnings_of
-from recon.tables import Streams, matrix, replace, seconds, time_ns, vector
+from recon.tables import Streams, matrix, replace, seconds, select_rows, time_ns, vector
 from recon_detectors.crash import CrashParams, crash
 from recon_simulators.drive import simulate_drive
 from recon_simulators.drive_params import DriveParams
@@ -172,3 +172,15 @@ def test_while_it_spins_the_trajectory_is_as_good_between_knots_as_at_them(seed:
     # Beyond 4.5 sigmas lie 7e-6 of errors; the rows of three seconds are nearly one.
     assert np.abs(off / matrix(found, "vel_std")[rows]).max() < 4.5
     assert np.abs(heading / vector(found, "att_std_yaw")[rows]).max() < 4.5
+
+
+@pytest.mark.parametrize(("since_s", "jolted"), [(0.05, True), (3.0, False)])
+def test_a_crash_in_a_silence_of_the_imu_is_a_doubt(since_s: float, jolted: bool) -> None:
+    """A logger whose power fails in the impact, and one that failed before it, where nothing happened."""
+    log = wreck(11, delta_v=7.0)
+    ((start, _),) = spans(log["events"], "crash")
+    t_ns = time_ns(log["imu"])
+    since = start - round(since_s * 1e9)
+    imu = select_rows(log["imu"], (t_ns < since) | (t_ns > since + 300_000_000))
+    notes = warnings_of(fused({**log, "imu": imu, "events": crash(imu=imu, params=CrashParams())["events"]})["metrics"])
+    assert any("a crash or a jolt may lie in one of them" in note for note in notes) == jolted
