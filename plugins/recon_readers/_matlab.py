@@ -15,6 +15,7 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -32,6 +33,8 @@ _STRUCTURE: Final = 2
 _NUMERIC: Final = range(6, 16)
 """Classes of a matrix that holds numbers, from double to uint64."""
 _COMPLEX: Final = 0x0800
+_MOST_PARTS: Final = 10_000
+"""Elements of a matrix, and bytes of its flags and its shape: far more than a log has."""
 _NUMBERS: Final = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
@@ -104,10 +107,12 @@ def _structure(body: memoryview, order: str, most: int) -> tuple[str, dict[str, 
         return name, None
     if len(rest) < 2:
         raise ValueError(f"the structure {name} has no fields")
-    (width,) = _array(*rest[0], order).astype(int).tolist()
+    (width,) = _few(*rest[0], order)
     if width < 1:
         raise ValueError(f"the structure {name} has fields without names")
     text = bytes(rest[1][1])
+    if (several := -(-len(text) // width)) != len(rest) - 2:
+        raise ValueError(f"the structure {name} has {several:,} names for {len(rest) - 2:,} fields")
     names = [text[start : start + width].split(b"\0")[0].decode("ascii") for start in range(0, len(text), width)]
     fields: dict[str, Array | None] = {}
     for field, (_, part) in zip(names, rest[2:], strict=True):
@@ -139,13 +144,23 @@ def _numbers(body: memoryview, order: str, most: int) -> Array | None:
 
 def _opening(body: memoryview, order: str) -> tuple[int, tuple[int, ...], str, list[tuple[int, memoryview]]]:
     """Flags, shape and name of a matrix, and the elements behind them."""
-    parts = list(_elements(body, order))
+    parts = list(islice(_elements(body, order), _MOST_PARTS + 1))
+    if len(parts) > _MOST_PARTS:
+        raise ValueError(f"a matrix has more than {_MOST_PARTS:,} parts")
     if len(parts) < 3:
         raise ValueError("a matrix has no name")
-    flags, shape = (_array(*part, order).astype(int).tolist() for part in parts[:2])
+    flags, shape = (_few(*part, order) for part in parts[:2])
     if not flags or len(shape) < 2 or min(shape) < 0:
         raise ValueError("a matrix has no flags or no shape")
     return flags[0], tuple(shape), bytes(parts[2][1]).decode("ascii"), parts[3:]
+
+
+def _few(kind: int, body: memoryview, order: str) -> list[int]:
+    """The numbers of an element that holds few."""
+    if len(body) > _MOST_PARTS:
+        raise ValueError(f"flags, shape or width of names take {len(body):,} bytes")
+    numbers: list[int] = _array(kind, body, order).astype(int).tolist()
+    return numbers
 
 
 def _array(kind: int, body: memoryview, order: str) -> np.ndarray:

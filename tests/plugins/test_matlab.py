@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +110,36 @@ def test_small_numbers_that_become_doubles_are_counted_as_such(tmp_path: Path, m
     path = save_mat(tmp_path / "bytes.mat", imu={"a": np.zeros(100_000, "i1"), "b": np.zeros(100_000, "i1")})
     with pytest.raises(ValueError, match="take more than 2 MB as doubles"):
         structures(path.read_bytes())
+
+
+def little_endian(kind: int, contents: bytes) -> bytes:
+    return struct.pack("<II", kind, len(contents)) + contents + bytes(-len(contents) % 8)
+
+
+ONE_BY_ONE = little_endian(5, struct.pack("<ii", 1, 1))
+NAME = little_endian(1, b"imu")
+MANY = 2_000_000
+
+
+@pytest.mark.parametrize(
+    ("inner", "told"),
+    [
+        (ONE_BY_ONE + NAME + bytes(MANY), "more than 10,000 parts"),
+        (little_endian(1, b"\1" * MANY) + NAME, "2,000,000 bytes"),
+        (ONE_BY_ONE + NAME + little_endian(1, b"\1" * MANY) + NAME, "2,000,000 bytes"),
+        (ONE_BY_ONE + NAME + little_endian(5, struct.pack("<i", 1)) + little_endian(1, b"a" * MANY), "2,000,000 names"),
+    ],
+    ids=["parts", "shape", "width of names", "names"],
+)
+def test_what_unpacks_to_many_small_parts_is_refused_before_they_fill_the_memory(inner: bytes, told: str) -> None:
+    """Python takes some hundred bytes for each part, a hundredfold of what is in the file."""
+    flags = little_endian(6, struct.pack("<II", 2, 0))
+    packed = zlib.compress(little_endian(14, flags + inner))
+    data = b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(packed)) + packed
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=told):
+            structures(data)
+        assert tracemalloc.get_traced_memory()[1] < 4 * MANY
+    finally:
+        tracemalloc.stop()
