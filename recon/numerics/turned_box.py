@@ -42,6 +42,8 @@ _SURE: Final = 4.0
 _SPREADS: Final = 1.5
 """Of the attitudes beside it by which a turn is larger, lest a few that go astray make one."""
 _TENTH: Final = 0.1
+_UNREAD: Final = 0.4
+"""Share of a turn."""
 _TILTED: Final = 0.3
 """Share of a turn that is no heading, from which on it is looked at alone, for a vehicle hardly turns so."""
 _AROUND_S: Final = 5.0
@@ -109,11 +111,20 @@ def refined(turns: list[Turn], seen: Attitudes) -> list[Turn]:
     if not all(some.any() for some in inside):
         return turns
     first, *others = [_mean(seen.axes[some]) for some in inside]
+    return _counting(
+        [
+            replace(turn, first_from_new=first.T @ mean @ turn.first_from_new)
+            for turn, mean in zip(turns, others, strict=True)
+        ]
+    )
+
+
+def _counting(turns: list[Turn]) -> list[Turn]:
+    """Those that are large enough, each against the one before that is."""
     found: list[Turn] = []
-    for turn, mean in zip(turns, others, strict=True):
-        better = replace(turn, first_from_new=first.T @ mean @ turn.first_from_new)
-        if sizes([*found, better])[-1] > _LEAST:
-            found.append(better)
+    for turn in turns:
+        if sizes([*found, turn])[-1] > _LEAST:
+            found.append(turn)
     return found
 
 
@@ -125,6 +136,8 @@ def sizes(turns: list[Turn]) -> list[float]:
 
 def when_read(turns: list[Turn], t_s: Floats, gyro_s: Floats, course: Floats, up_s: Floats) -> list[Turn]:
     """The turns in the times in which the gyroscope reads them, what the vehicle turns itself taken off.
+
+    Where it reads nothing while the course changes by as much, it is the course that is wrong, as in multipath.
 
     t_s : (n,) s; gyro_s : (n, 3) rad/s, box, without bias
     course : (n,) rad, of the vehicle, anticlockwise, no jumps; up_s : (n, 3), box
@@ -138,10 +151,14 @@ def when_read(turns: list[Turn], t_s: Floats, gyro_s: Floats, course: Floats, up
         level = along - (along @ up) * up
         if np.linalg.norm(level) > _TILTED:
             along = level / np.linalg.norm(level)
-        turned = cumulative(t_s[rows], gyro_s[rows] @ along, "trapezoid")
-        turned -= (course[rows] - course[rows.start]) * (up @ along)
-        found.append(_when(turn, _angle(old_from_new) * float(_axis(old_from_new) @ along), t_s[rows], turned))
-    return found
+        angle = _angle(old_from_new) * float(_axis(old_from_new) @ along)
+        read = cumulative(t_s[rows], gyro_s[rows] @ along, "trapezoid")
+        driven = (course[rows] - course[rows.start]) * (up @ along)
+        when = _when(turn, angle, t_s[rows], read - driven)
+        inside = np.searchsorted(t_s[rows], [when.start_s, when.end_s]).clip(max=len(read) - 1)
+        if max(abs(np.diff(read[inside])[0]), abs(np.diff(driven[inside])[0] + angle)) > _UNREAD * angle:
+            found.append(when)
+    return _counting(found)
 
 
 def _when(turn: Turn, angle: float, t_s: Floats, turned: Floats) -> Turn:

@@ -86,11 +86,13 @@ def test_the_gyroscope_tells_when_also_beside_a_bend(axis):
     assert 41.9 <= turn.end_s < 43.0
 
 
-def test_a_turn_that_the_gyroscope_does_not_show_stays_between_its_attitudes():
+def test_a_course_that_jumps_while_the_gyroscope_reads_nothing_is_no_turn():
+    """By as much as the box were turned the other way: velocities in multipath."""
     t_s = np.arange(0.0, 60.0, 0.01)
-    turn = Turn(20.0, 30.0, matrices((15.0, 0.0, 0.0))[0])
+    turns = [Turn(20.0, 30.0, matrices((15.0, 0.0, 0.0))[0]), Turn(40.0, 50.0, np.eye(3))]
     still, up_s = np.zeros((len(t_s), 3)), np.tile([0.0, 0.0, 1.0], (len(t_s), 1))
-    assert when_read([turn], t_s, still, np.zeros(len(t_s)), up_s) == [turn]
+    course = np.where((t_s > 25.0) & (t_s < 45.0), np.radians(-15.0), 0.0)
+    assert when_read(turns, t_s, still, course, up_s) == []
 
 
 def test_samples_turned_back_are_those_of_a_box_that_stayed():

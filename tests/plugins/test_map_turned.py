@@ -79,6 +79,14 @@ def test_two_turns_are_two():
     assert errors(log, found).heading_of_vehicle < 0.4
 
 
+def test_a_turn_is_found_wherever_the_noise_is_learnt_from():
+    """Which are twenty minutes of the drive, those with most motion: the first ten are not among them."""
+    log = drive("mixed", "study_one", 9501, duration=3600.0)
+    found = fused({**log, "imu": turned(log["imu"], from_euler(*np.radians((0.0, 5.0, 0.0))), 600.0)})
+    assert len(spans(found["events"], "box_turned")) == 1
+    assert np.degrees(np.sqrt((errors(log, found).turn[:, :2] ** 2).mean())) < 0.3
+
+
 def test_a_loose_box_is_a_doubt(streams):
     imu, there = streams["imu"], from_euler(np.radians(9.0), 0.0, 0.0)
     for count, at_s in enumerate(np.arange(40.0, 590.0, 9.0)):

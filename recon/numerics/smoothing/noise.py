@@ -119,11 +119,17 @@ def likely_noise(smoother: Smoother, solved: Solved, still: tuple[float | None, 
     found = scaled_noise(solved.noise, _least(posterior(likelihood), _curvature(likelihood), low, high))
     if not smoother.model.wheels:
         return found
+    sideways, upwards, bank = on_wheels(smoother, solved)
+    return replace(found, sideways=sideways, upwards=upwards, bank=bank)
+
+
+def on_wheels(smoother: Smoother, solved: Solved) -> tuple[float, float, float]:
+    """Motion of the wheels across their track as of `across_track`, and bank of the roads, which a solution shows."""
     residual, (t_s, seconds) = smoother.sideways(solved)
     so_far = np.array([solved.noise.sideways, solved.noise.upwards])
     sideways, upwards = across_track(residual, t_s, seconds, so_far)
     lies = smoother.road(solved.state, GravityField.around(solved.state.pos_n, smoother.drive.anchor))
-    return replace(found, sideways=float(sideways), upwards=float(upwards), bank=bank_of_roads(lies))
+    return float(sideways), float(upwards), bank_of_roads(lies)
 
 
 def bank_of_roads(lies: Road) -> float:
