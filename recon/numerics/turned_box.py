@@ -5,8 +5,8 @@ but for steps, where somebody touched the box. n such attitudes fall into stretc
 
     sum over stretches of ( sum |R - mean|^2 + penalty ),    |R_1 - R_2|^2 = 8 sin^2(angle / 2)
 
-which dynamic programming finds. When about the end of a stretch the box turned, its gyroscope tells: where
-what it read beside the turns of the vehicle rises for good by that angle.
+which dynamic programming finds. When about the end of a stretch the box turned, its gyroscope tells: where what it read
+beside the turns of the vehicle rises for good by that angle.
 
 References
     Jackson et al. (2005), "An algorithm for optimal partitioning of data on an interval", IEEE Signal Processing
@@ -147,6 +147,8 @@ def when_read(turns: list[Turn], t_s: Floats, gyro_s: Floats, course: Floats, up
     for turn, before in zip(turns, axes, strict=False):
         old_from_new = before.T @ turn.first_from_new
         rows = slice(*np.searchsorted(t_s, [turn.start_s - _AROUND_S, turn.end_s + _AROUND_S]))
+        if rows.stop - rows.start < 2:  # in a silence of the IMU, where the attitudes are hardly known
+            continue
         up, along = up_s[rows.start], _axis(old_from_new)
         level = along - (along @ up) * up
         if np.linalg.norm(level) > _TILTED:

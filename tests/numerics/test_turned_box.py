@@ -95,6 +95,14 @@ def test_a_course_that_jumps_while_the_gyroscope_reads_nothing_is_no_turn():
     assert when_read(turns, t_s, still, course, up_s) == []
 
 
+def test_in_a_silence_of_the_gyroscope_there_is_no_turn():
+    t_s = np.concatenate([np.arange(0.0, 20.0, 0.01), np.arange(60.0, 80.0, 0.01)])
+    still, up_s = np.zeros((len(t_s), 3)), np.tile([0.0, 0.0, 1.0], (len(t_s), 1))
+    turns = [Turn(38.0, 40.0, matrices((15.0, 0.0, 0.0))[0])]
+    assert when_read(turns, t_s, still, np.zeros(len(t_s)), up_s) == []
+    assert when_read(turns, t_s[:500], still[:500], np.zeros(500), up_s[:500]) == []
+
+
 def test_samples_turned_back_are_those_of_a_box_that_stayed():
     rng = np.random.default_rng(1)
     t_s, true, bias = np.arange(0.0, 10.0, 0.1), rng.normal(size=(100, 3)), np.array([0.3, -0.2, 0.1])
