@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import glob
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -76,8 +76,10 @@ def test_the_third_query_tells_the_fastest_second(folder: Path, monkeypatch: pyt
 
 def test_polars_and_pandas_read_what_duckdb_reads(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    names = {"glob": glob, "pandas": pytest.importorskip("pandas"), "polars": pytest.importorskip("polars")}
-    exec(re.search(r"```python\n(trajectories = .*?)```", README, flags=re.DOTALL)[1], names)
+    pytest.importorskip("pandas")
+    pytest.importorskip("polars")
+    names: dict[str, Any] = {}
+    exec(re.search(r"```python\n(import glob\n.*?)```", README, flags=re.DOTALL)[1], names)
     query = f"SELECT vehicle, drive, count(*) FROM '{names['trajectories']}' GROUP BY ALL ORDER BY ALL"
     expected = rows(folder, query, monkeypatch)
     assert [row[:2] for row in expected] == [("A12", "d1"), ("A12", "d2"), ("B7", "d1")]
