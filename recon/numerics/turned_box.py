@@ -42,8 +42,9 @@ _SURE: Final = 4.0
 _SPREADS: Final = 1.5
 """Of the attitudes beside it by which a turn is larger, lest a few that go astray make one."""
 _TENTH: Final = 0.1
+"""Share of a turn from which it has begun, and which is left when it is over."""
 _UNREAD: Final = 0.4
-"""Share of a turn."""
+"""Share of a turn that the gyroscope reads at least, or else the course does not make all of it."""
 _TILTED: Final = 0.3
 """Share of a turn that is no heading, from which on it is looked at alone, for a vehicle hardly turns so."""
 _AROUND_S: Final = 5.0

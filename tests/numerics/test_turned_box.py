@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from recon.numerics.rotation import Floats, from_euler, from_rotvec, to_matrix
@@ -34,10 +34,8 @@ def seen(steps: dict[float, Floats], noise: float = 0.3, sigma: float = 0.2, see
 )
 def test_a_turn_is_found_where_it_is_and_as_large_as_it_is(angles, at, seed):
     (turned,) = matrices(angles)
-    found = turns_of(seen({T_S[at]: turned}, seed=seed))
-    if np.degrees(sizes([Turn(0.0, 0.0, turned)])[0]) < 4.0:
-        return
-    (turn,) = found
+    assume(np.degrees(sizes([Turn(0.0, 0.0, turned)])[0]) > 4.0)
+    (turn,) = turns_of(seen({T_S[at]: turned}, seed=seed))
     assert (turn.start_s, turn.end_s) == (T_S[at - 1], T_S[at])
     # Means of twenty attitudes at least, 0.3 deg each on three axes: five sigmas.
     assert np.degrees(sizes([Turn(0.0, 0.0, turn.first_from_new @ turned.T)])[0]) < 5.0 * 0.3 * np.sqrt(3.0 / 20.0)
