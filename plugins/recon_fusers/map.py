@@ -309,7 +309,7 @@ def declare_fusers() -> Iterable[Fuser]:
     yield Fuser(
         name="map",
         summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
-        version=10,
+        version=11,
         params=MapParams,
         reads={
             "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),

@@ -9,7 +9,8 @@ The limits come from the drive itself: twice what is usual in windows with slow 
 on wheels exceeds as soon as it rolls. In an outage of GNSS the IMU decides alone, but only where it has proved that it
 can: where windows with fast fixes are practically never quiet, as on a smooth ship or train they are, and few of those
 that creep steadily in a queue, as in a soft car they are. What is quiet in an outage may also wait for a trajectory
-that tells how fast it is there. Without any speed standing and moving must be told apart by more: few windows may be
+that tells how fast it is there. A receiver that errs does not end a standstill: what is quiet beside one, and not
+pushed, stands whatever fixes tell. Without any speed standing and moving must be told apart by more: few windows may be
 nearly quiet, and motion must vibrate.
 
 References
@@ -27,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.numerics.moving_window import rolling_std
-from recon.numerics.signals import runs
 from recon.numerics.smoothing.samples import Samples
+from recon.numerics.smoothing.whole_stops import unmoved, without_creep
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,6 +49,7 @@ LEAST_LIMITS: Final = (np.radians(0.02), 0.005)
 MOST_LIMITS: Final = (np.radians(0.3), 0.3)
 """rad/s, m/s^2; root sum square over the axes. Rolling cars show 0.37 deg/s and more, standing ones 0.05 to 0.25."""
 _MEAN_SHARE: Final = 0.5
+"""Fixes of a standing receiver are half as fast on average as one alone may be."""
 NEAR_S: Final = 1.5
 """s; a fix tells the speed this far to both sides."""
 FEWEST: Final = 3.0
@@ -185,23 +187,19 @@ def find_stops(blocks: Blocks, fix_t_s: Floats, fix_speed: Floats) -> Stops:
     if limits is None:
         return Stops(nothing, nothing, None)
     quiet = _standing(windows, ~(windows.speed > limits.speed), limits)
-    return Stops(_standing(windows, windows.speed <= limits.speed, limits) if heard else quiet, quiet, limits)
+    if not heard:
+        return Stops(quiet, quiet, limits)
+    told = _standing(windows, windows.speed <= limits.speed, limits)
+    still = _throughout(windows.quiet(limits.gyro, limits.accel), windows.half)
+    told = unmoved(blocks.accel, blocks.duration, told, still, windows.speed)
+    return Stops(told, quiet | told, limits)
 
 
 def _standing(windows: _Windows, allowed: Mask, limits: Limits) -> Mask:
     """Blocks whose windows are all quiet and allowed, and whose fixes do not creep."""
     still = _throughout(windows.quiet(limits.gyro, limits.accel) & allowed, windows.half)
-    return _without_creep(still, windows.speed, limits)
-
-
-def _without_creep(still: Mask, speed: Floats, limits: Limits) -> Mask:
-    """The spans whose fixes are as slow on average as those of a standing receiver: half of what one alone may show."""
-    standing = still.copy()
-    for first, stop in runs(still):
-        told = speed[first:stop]
-        if np.isfinite(told).any() and float(np.nanmean(told)) > _MEAN_SHARE * limits.speed:
-            standing[first:stop] = False
-    return standing
+    size = 2 * windows.half * round(CREEP_S / WINDOW_S)
+    return without_creep(still, windows.speed, size, _MEAN_SHARE * limits.speed)
 
 
 def _limits(windows: _Windows) -> Limits | None:
