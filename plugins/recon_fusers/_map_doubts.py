@@ -126,18 +126,24 @@ def _loose(found: Estimate) -> list[str]:
     ]
 
 
-def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
-    """Does the IMU contradict the motion by more than any noise explains?"""
+def contradiction(noise: Noise, expected: Noise) -> tuple[str, float]:
+    """Which noise of the IMU comes out larger than any is, and how many times what was expected; "" where none does."""
     sizes = {name: getattr(noise, name) / getattr(expected, name) for name in _LARGE_NOISE}
     worst = max(sizes, key=lambda name: sizes[name] / _LARGE_NOISE[name])
-    if sizes[worst] <= _LARGE_NOISE[worst]:
+    return (worst, sizes[worst]) if sizes[worst] > _LARGE_NOISE[worst] else ("", 0.0)
+
+
+def _misfit_of_imu(noise: Noise, expected: Noise) -> list[str]:
+    """Does the IMU contradict the motion by more than any noise explains?"""
+    worst, times = contradiction(noise, expected)
+    if not worst:
         return []
     sensor = worst.split("_")[0]
     walks = worst.endswith("walk")
     what = "random walk of the bias" if walks else "noise"
-    verdict = "take care" if walks or sizes[worst] < _MOST_NOISE else "do not trust the result"
+    verdict = "take care" if walks or times < _MOST_NOISE else "do not trust the result"
     return [
-        f"{sensor} and GNSS contradict each other: the {what} comes out {sizes[worst]:.0f} times what was expected: "
+        f"{sensor} and GNSS contradict each other: the {what} comes out {times:.0f} times what was expected: "
         f"{verdict}; does it roll on wheels? {_ASK}"
     ]
 

@@ -18,6 +18,7 @@ from recon.numerics.smoothing.state import ROTATION
 from recon.numerics.turned_box import Attitudes, Turn, attitudes, refined, sizes, turned_back, turns_of, when_read
 from recon.tables import replace as with_values
 from recon.tables import select_rows
+from recon_fusers._map_doubts import contradiction
 
 _USUAL: Final = (0.03, 0.2, np.radians(3.5), 0.1)
 """m/s sideways and upwards, mean of a second, rad of a road's bank, and share of the fixes that are put aside: what
@@ -66,6 +67,8 @@ def mounted(imu: pa.Table, solve: Solve, expected: Noise, wheels: bool, may_turn
         return alone
     if best is None or not best.found.solved.converged:
         return alone
+    if contradiction(best.found.solved.noise, expected)[0]:
+        return alone  # what does not fit is more than the mounting
     return best if _size(best) < _BETTER * _size(alone) else alone
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from csv_logs import MAPPINGS, params_of
 from map_drives import drive, errors, fused, numbers
 from turned_drives import turned
 
@@ -11,6 +14,7 @@ from recon import Event, Streams, events, matrix, time_ns
 from recon.numerics.rotation import angle, conjugate, from_euler, multiply, rotate
 from recon.rows import spans, warnings_of
 from recon.tables import replace
+from recon_readers.csv import read
 
 AT_S, LASTS_S = 270.0, 1.5
 TURNS = [(10.0, 3.0, 2.0), (-5.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 20.0), (90.0, 0.0, 0.0), (170.0, 5.0, 0.0)]
@@ -111,3 +115,12 @@ def test_turning_about_the_vehicle_first_changes_nothing(streams):
     found = fused({**streams, "imu": turned(mounted, multiply(other, multiply(q_old_new, conjugate(other))), AT_S)})
     assert len(spans(found["events"], "box_turned")) == 1
     assert errors(streams, found).heading_of_vehicle < 0.4
+
+
+def test_no_turn_explains_forces_of_the_wrong_sign(logs: Path) -> None:
+    """A rough log, its accelerometer believed to tell gravity: more than the mounting does not fit."""
+    params = params_of((MAPPINGS / "dresden_car.yaml").read_text(encoding="utf-8"))
+    log = read(path=logs / "balzer82_dresden" / "2014-03-26-000-Data.csv", params=params)
+    found = fused({**log, "imu": replace(log["imu"], accel=-matrix(log["imu"], "accel"))})
+    assert not len(spans(found["events"], "box_turned"))
+    assert any("contradict each other" in note for note in warnings_of(found["metrics"]))
