@@ -226,10 +226,11 @@ def _marks(events: pa.Table | None, table: pa.Table, max_gap: float) -> list[Mar
     if events is None or not events.num_rows:
         return []
     begin, end, t_ns = time_ns(events), time_ns(events, "end_time"), time_ns(table)
+    at = _before_gaps(begin, t_ns, max_gap)
     lat, lon = _places(table)
     height = _known(vector_or_nan(table, "height"))
-    lat, height = interpolate(begin, t_ns, np.column_stack((lat, height)), max_gap * _NS).T
-    lon = np.degrees(interpolate_angle(begin, t_ns, np.radians(lon), max_gap * _NS))
+    lat, height = interpolate(at, t_ns, np.column_stack((lat, height)), max_gap * _NS).T
+    lon = np.degrees(interpolate_angle(at, t_ns, np.radians(lon), max_gap * _NS))
     told = events.select([name for name in ("step", "value", "unit", "note") if name in events.column_names])
     kinds, times, end_times = events["kind"].to_pylist(), iso_8601(begin).to_pylist(), iso_8601(end).to_pylist()
     marks = []
@@ -240,3 +241,12 @@ def _marks(events: pa.Table | None, table: pa.Table, max_gap: float) -> list[Mar
             place = (float(lat[row]), float(lon[row]), float(height[row]))
             marks.append(Mark(kinds[row] or "event", times[row], *place, known))
     return marks
+
+
+def _before_gaps(begin: NDArray[np.int64], t_ns: NDArray[np.int64], max_gap: float) -> NDArray[np.int64]:
+    """For what begins within a usual step behind the last row before a gap that row, otherwise as it is: (m,) ns."""
+    step = np.diff(t_ns)
+    usual = np.median(step) if len(step) else 0.0
+    left = np.clip(np.searchsorted(t_ns, begin, side="right") - 1, 0, max(len(t_ns) - 2, 0))
+    in_gap = np.append(step, 0)[left] > max_gap * _NS
+    return np.where(in_gap & (np.abs(begin - t_ns[left]) <= usual), t_ns[left], begin)

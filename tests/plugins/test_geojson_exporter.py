@@ -271,6 +271,13 @@ def test_events_where_no_position_is_known_are_left_out_and_counted(tmp_path):
     assert "3 of 4 began where no position is known" in collection["description"]
 
 
+def test_an_event_with_which_a_gap_begins_stands_at_the_last_row_before(tmp_path):
+    found = happened((1.0, 7), (1.5, 7), (2.5, 7), (8.5, 9))
+    points = of_type(export(tmp_path, trajectory=drive([0, 1, 7, 8]), events=found), "Point")
+    assert [point["properties"]["time"][17:22] for point in points] == ["01.00", "01.50"]
+    assert [point["geometry"]["coordinates"] for point in points] == [[11.30002, 44.50001, 100.1]] * 2
+
+
 def test_raw_gnss_is_a_track_of_its_own_unless_it_is_not_wanted(tmp_path):
     course = np.radians([0.0, 359.9999, 90.0])
     tables = {"trajectory": drive(TENTHS), "gnss": fixes([0, 1, 2], course=course, speed=np.array([1.0, 2.0, np.nan]))}
