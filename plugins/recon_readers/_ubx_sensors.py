@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
@@ -27,7 +28,12 @@ _AT_REST_HOW: Final = (
     "reads more than zero while the vehicle speeds up, else 'down'"
 )
 
+_RESTARTED_NS: Final = 1_000_000_000
+"""By more than this a clock falls where the receiver starts again, or where its number of 32 bits ends."""
+_RAW_SOURCE: Final = -1
+
 Made: TypeAlias = tuple[pa.Table | None, list[Metric]]
+Whole: TypeAlias = NDArray[np.int64]
 
 
 class UbxParams(Params):
@@ -39,57 +45,124 @@ class UbxParams(Params):
     raw_tick: float | None = quantity(None, "us", gt=0, doc="Time of one tick of ESF-RAW, 39.0625 us in M8 receivers.")
 
 
-def clock_of(found: Messages, t_ns: Times, place: Places) -> tuple[int | None, list[Metric]]:
-    """UTC in ns at which the clock of ESF-MEAS was zero, None where nothing tells; and what is to be told of it."""
-    measured = found.raw(ESF_MEAS)
-    if not measured or not len(t_ns):
-        note = "no navigation message tells UTC: times of imu and wheel count from the start of the receiver"
-        return None, [warning(note)]
-    at = np.concatenate([places for places, _ in measured])
-    tag_ns = np.concatenate([_u4(payloads, 0)[:, 0] for _, payloads in measured]) * 1_000_000
-    before = np.searchsorted(place, at, side="right") - 1
-    known = before >= 0
-    if not known.any():
-        return None, [warning("no navigation message comes before those of the imu: its times count from its start")]
-    zero_ns = int(np.max(t_ns[before[known]] - tag_ns[known]))
+@dataclass(frozen=True)
+class Measured:
+    """ESF data: time (n,) ns, type (n,) and signed value (n,), in the order of the file for each source.
+
+    absolute : are the times UTC? Else they count from the start of the receiver
+    """
+
+    t_ns: Times
+    kind: Whole
+    value: Whole
+    absolute: bool
+
+
+def measured(found: Messages, t_ns: Times, place: Places, params: UbxParams) -> tuple[Measured, list[Metric]]:
+    """All ESF data at UTC, where navigation messages tell it; and what is to be told of it.
+
+    t_ns : (k,) UTC of navigation messages; place : (k,) theirs in the file
+    """
+    sources = _sources(found, params.raw_tick)
+    told = {source: _utc(at, tag_ns, t_ns, place) for source, (at, tag_ns, _) in sources.items()}
+    absolute = any(zeros for *_, zeros in told.values())
+    times, words, lost = [], [], 0
+    for source, (_, tag_ns, word) in sources.items():
+        utc_ns, known, _ = told[source]
+        times.append(utc_ns[known] if absolute else tag_ns)
+        words.append(word[known] if absolute else word)
+        lost += int((~known).sum()) if absolute else 0
+    word = np.concatenate([np.zeros(0, dtype=np.int64), *words])
+    data = Measured(
+        np.concatenate([np.zeros(0, dtype=np.int64), *times]),
+        word >> 24 & 0x3F,
+        ((word & 0xFFFFFF) ^ 0x800000) - 0x800000,
+        absolute,
+    )
+    return data, _about_clock([zero for *_, zeros in told.values() for zero in zeros], lost, len(t_ns))
+
+
+def _about_clock(zeros: list[int], lost: int, navigation: int) -> list[Metric]:
+    """zeros : UTC in ns of each start of the receiver; lost : data that are left out; navigation : messages with UTC"""
+    if not zeros and not navigation:
+        return [warning("no navigation message tells UTC: times of imu and wheel count from the start of the receiver")]
+    if not zeros:
+        return [warning("no navigation message comes before those of the imu: its times count from its start")]
     note = "UTC at which the receiver's clock was zero; stamps of imu and wheel may be early by its computing time"
-    return zero_ns, [Metric("clock_offset", zero_ns * 1e-9, "s", sigma=0.1, note=note)]
+    learnt = [Metric("clock_offset", zero_ns * 1e-9, "s", sigma=0.1, note=note) for zero_ns in zeros]
+    if lost:
+        what = "behind a start of the receiver, or of a sensor's own clock, that no navigation message sets to UTC"
+        learnt.append(warning(f"{lost} data of imu and wheel are left out: {what}"))
+    return learnt
 
 
-def _u4(payloads: NDArray[np.uint8], at: int) -> NDArray[np.int64]:
+def _utc(at: Places, tag_ns: Times, t_ns: Times, place: Places) -> tuple[Times, NDArray[np.bool_], list[int]]:
+    """UTC of data (n,) ns; where it is known, (n,) bool; UTC at which the clock was zero, at each start of it.
+
+    at : (n,) places in the file; tag_ns : (n,) ns of the clock; t_ns, place : as of `measured`
+    """
+    utc_ns, known, zeros = tag_ns.copy(), np.zeros(len(at), dtype=bool), []
+    begins = [0, *np.flatnonzero(np.diff(tag_ns, prepend=tag_ns[:1]) < -_RESTARTED_NS).tolist()]
+    for begin, end in zip(begins, [*begins[1:], len(at)], strict=True):
+        own = slice(begin, end)
+        before = np.searchsorted(place, at[own], side="right") - 1
+        first = np.searchsorted(place, at[begin]) if begin else 0  # those above may be of the time before a restart
+        told = before >= first
+        if told.any():
+            zeros.append(int(np.max(t_ns[before[told]] - tag_ns[own][told])))
+            utc_ns[own] += zeros[-1]
+            known[own] = True
+    return utc_ns, known, zeros
+
+
+def _sources(found: Messages, raw_tick: float | None) -> dict[int, tuple[Places, Times, Whole]]:
+    """Place (n,), time (n,) ns of its clock and word (n,) of all data, by source: the number that ESF-MEAS gives it.
+
+    What ESF-RAW holds is in ESF-MEAS again, averaged, and is then not taken from there.
+    """
+    none = np.zeros((0, 4), dtype=np.int64)
+    every = np.concatenate([none, *(_meas(*part) for part in found.raw(ESF_MEAS) if part[1].shape[1] >= 12)])
+    if raw_tick is not None:
+        raw = np.concatenate([none, *(_raw(*part, raw_tick) for part in found.raw(ESF_RAW))])
+        averaged = np.isin(every[:, 3] >> 24 & 0x3F, (*RATES, *FORCES)) if len(raw) else np.zeros(len(every), bool)
+        every = np.concatenate([every[~averaged], raw])
+    every = every[np.argsort(every[:, 0], kind="stable")]
+    parts = {source: every[every[:, 1] == source] for source in np.unique(every[:, 1]).tolist()}
+    return {source: (part[:, 0], part[:, 2], part[:, 3]) for source, part in parts.items()}
+
+
+def _meas(places: Places, payloads: NDArray[np.uint8]) -> Whole:
+    """Place, source, time in ns and word of the data of ESF-MEAS: (n, 4).
+
+    How many a message holds may be left to its length.
+    """
+    head, words = _u4(payloads[:, :8], 0), _u4(payloads, 8)
+    count, with_time = head[:, 1] >> 11 & 0x1F, head[:, 1] >> 3 & 1
+    count = np.where(count == 0, words.shape[1] - with_time, count)
+    there = np.arange(words.shape[1]) < count[:, None]
+    each = [np.broadcast_to(part[:, None], words.shape) for part in (places, head[:, 1] >> 16, head[:, 0] * 1_000_000)]
+    return np.column_stack([part[there] for part in (*each, words)])
+
+
+def _raw(places: Places, payloads: NDArray[np.uint8], tick_s: float) -> Whole:
+    """The same of ESF-RAW, each of whose data has a time of its own."""
+    words = _u4(payloads, 4)
+    words = words[:, : words.shape[1] // 2 * 2]
+    ticks, data = words[:, 1::2], words[:, ::2]
+    each = np.broadcast_to(places[:, None], data.shape).ravel()
+    t_ns = np.round(ticks * (tick_s * 1e9)).astype(np.int64).ravel()
+    return np.column_stack([each, np.full(len(each), _RAW_SOURCE), t_ns, data.ravel()])
+
+
+def _u4(payloads: NDArray[np.uint8], at: int) -> Whole:
     """Unsigned numbers of four bytes from a place of each payload on: (m, k)."""
     count = (payloads.shape[1] - at) // 4
     return np.ascontiguousarray(payloads[:, at : at + 4 * count]).view("<u4").astype(np.int64)
 
 
-def _data(found: Messages, params: UbxParams) -> tuple[Times, NDArray[np.int64], NDArray[np.int64]]:
-    """Time (n,) ns of the receiver, type (n,) and signed value (n,) of all ESF data."""
-    parts = []
-    for _, payloads in found.raw(ESF_MEAS):
-        if payloads.shape[1] < 12:
-            continue
-        count = _u4(payloads, 4)[:, 0] >> 11 & 0x1F
-        words = _u4(payloads, 8)
-        there = np.arange(words.shape[1]) < count[:, None]
-        tags = np.broadcast_to(_u4(payloads, 0)[:, :1] * 1_000_000, words.shape)
-        parts.append((tags[there], words[there]))
-    if params.raw_tick is not None:
-        tick_ns = params.raw_tick * 1e9
-        for _, payloads in found.raw(ESF_RAW):
-            words = _u4(payloads, 4)
-            words = words[:, : words.shape[1] // 2 * 2]
-            parts.append((np.round(words[:, 1::2] * tick_ns).astype(np.int64).ravel(), words[:, ::2].ravel()))
-    t_ns = np.concatenate([np.zeros(0, dtype=np.int64), *(times for times, _ in parts)])
-    word = np.concatenate([np.zeros(0, dtype=np.int64), *(words for _, words in parts)])
-    return t_ns, word >> 24 & 0x3F, ((word & 0xFFFFFF) ^ 0x800000) - 0x800000
-
-
-def imu(path: Path, found: Messages, zero_ns: int | None, params: UbxParams) -> Made:
-    """The stream imu, m/s^2 and rad/s along the receiver's axes, None where an axis or its sense is missing.
-
-    zero_ns : as of `clock_of`; None leaves the times of the receiver
-    """
-    t_ns, kind, value = _data(found, params)
+def imu(path: Path, found: Messages, data: Measured, params: UbxParams) -> Made:
+    """The stream imu, m/s^2 and rad/s along the receiver's axes, None where an axis or its sense is missing."""
+    t_ns, kind, value = data.t_ns, data.kind, data.value
     learnt = []
     if found.raw(ESF_RAW) and params.raw_tick is None:
         learnt.append(warning("ESF-RAW is left out: set reader.ubx.raw_tick to the time of one tick of its clock"))
@@ -110,20 +183,17 @@ def imu(path: Path, found: Messages, zero_ns: int | None, params: UbxParams) -> 
     if not parts:
         return None, [*learnt, warning("the imu is left out: an axis of its accelerometer or gyroscope is missing")]
     times, groups = interleave(parts)
-    made, told = stream(Source(path, "imu"), IMU, times + (zero_ns or 0), np.zeros(len(times), dtype=bool), groups)
+    made, told = stream(Source(path, "imu"), IMU, times, np.zeros(len(times), dtype=bool), groups)
     note = f"imu: as the receiver has them; accelerations at rest point {params.at_rest}, given as specific force"
     return made, [*learnt, Metric("axes", note=note), *told]
 
 
-def wheel(path: Path, found: Messages, zero_ns: int | None) -> Made:
-    """The stream wheel, m/s, None where no message tells a speed. zero_ns : as of `clock_of`"""
-    t_ns, kind, value = _data(found, UbxParams())
-    times, speed = _series(t_ns[kind == SPEED], value[kind == SPEED])
+def wheel(path: Path, data: Measured) -> Made:
+    """The stream wheel, m/s, None where no message tells a speed."""
+    times, speed = _series(data.t_ns[data.kind == SPEED], data.value[data.kind == SPEED])
     if not len(times):
         return None, []
-    return stream(
-        Source(path, "wheel"), WHEEL, times + (zero_ns or 0), np.zeros(len(times), dtype=bool), {"speed": speed * 1e-3}
-    )
+    return stream(Source(path, "wheel"), WHEEL, times, np.zeros(len(times), dtype=bool), {"speed": speed * 1e-3})
 
 
 def _series(t_ns: Times, value: NDArray[np.int64]) -> tuple[Times, Array]:

@@ -10,9 +10,10 @@ velocity. Only rows whose time and fix the receiver calls valid count. Sentences
 reader.nmea.
 
 ESF messages carry the receiver's own clock in ms since its start. It is set to UTC by the navigation messages before
-them: the least delay seen is taken as none, so that stamps of imu may be early by what the receiver needs to compute
-(about 0.1 s; aligner.time_offset finds out). Accelerometers of some receivers read -g along an axis that points up, as
-seen on an M8U: which one it is, the log does not tell, and without `at_rest` the imu is left out.
+them, anew where it starts again, and for each sensor that ESF-MEAS numbers: the least delay seen is taken as none, so
+that stamps of imu may be early by what the receiver needs to compute (about 0.1 s; aligner.time_offset finds out).
+Accelerometers of some receivers read -g along an axis that points up, as seen on an M8U: which one it is, the log does
+not tell, and without `at_rest` the imu is left out.
 
 Payloads are decoded columnar from their layouts, not by a library one at a time.
 
@@ -41,7 +42,7 @@ from recon_readers._streams import Source, stream
 from recon_readers._time_order import Mask, Times
 from recon_readers._time_text import days
 from recon_readers._ubx_frames import ESF_MEAS, ESF_RAW, LAYOUTS, Kind, Messages, Places, count_messages, read_messages
-from recon_readers._ubx_sensors import UbxParams, clock_of, imu, wheel
+from recon_readers._ubx_sensors import UbxParams, imu, measured, wheel
 
 SOLUTIONS: Final = ("NAV-PVT", "NAV-PVAT", "HNR-PVT")
 _WEEK_MS: Final = WEEK_NS // 1_000_000
@@ -60,8 +61,8 @@ def read(path: Path, params: UbxParams) -> Streams:
     """The streams gnss, imu and wheel, whichever the file holds. Raises ReadFailed where it holds none of them."""
     found = read_messages(path)
     t_ns, place, gnss, told = _gnss(path, found)
-    zero_ns, clock = clock_of(found, t_ns, place)
-    made = {"gnss": (gnss, told), "imu": imu(path, found, zero_ns, params), "wheel": wheel(path, found, zero_ns)}
+    data, clock = measured(found, t_ns, place, params)
+    made = {"gnss": (gnss, told), "imu": imu(path, found, data, params), "wheel": wheel(path, data)}
     streams = {name: table for name, (table, _) in made.items() if table is not None}
     learnt = [*_counted(path, found), *(row for _, rows in made.values() for row in rows)]
     if not streams:
@@ -69,8 +70,7 @@ def read(path: Path, params: UbxParams) -> Streams:
     if streams.keys() & {"imu", "wheel"}:
         learnt += clock
     for name, table in streams.items():
-        absolute = name == "gnss" or zero_ns is not None
-        kind, scale = ("absolute", "UTC") if absolute else ("relative", "boot")
+        kind, scale = ("absolute", "UTC") if name == "gnss" or data.absolute else ("relative", "boot")
         streams[name] = with_meta(table, format="UBX", time_scale=scale, clock=kind)
     if "gnss" in streams:
         streams["gnss"] = with_meta(streams["gnss"], height_datum="ellipsoid", heading_kind="course_true")
@@ -222,7 +222,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="u-blox logs (UBX): GNSS of NAV messages, imu and wheel speed of ESF messages.",
         params=UbxParams,
         run=read,
-        version=2,
+        version=3,
         sniff=sniff,
         writes={
             "gnss": place.possible(),
