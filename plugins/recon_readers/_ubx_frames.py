@@ -79,6 +79,7 @@ LAYOUTS: Final[dict[str, tuple[Kind, np.dtype[np.void]]]] = {
         np.dtype([("tow", "<u4"), ("ftow", "<i4"), ("week", "<i2"), ("fix", "u1"), ("flags", "u1"), ("", "u1", 35),
                   ("sats", "u1")]),
     ),
+    "NAV-STATUS": ((0x01, 0x03), np.dtype([("tow", "<u4"), ("fix", "u1"), ("flags", "u1")])),
     "NAV-TIMEGPS": (
         (0x01, 0x20),
         np.dtype([("tow", "<u4"), ("ftow", "<i4"), ("week", "<i2"), ("leap", "i1"), ("valid", "u1")]),

@@ -1,7 +1,7 @@
 """Logs of u-blox receivers (UBX): GNSS, and the IMU and wheel speed of receivers with dead reckoning.
 
-    gnss    NAV-PVT, else NAV-PVAT, else HNR-PVT, else NAV-POSLLH with NAV-VELNED and the week of NAV-SOL or
-            NAV-TIMEGPS; NAV-HPPOSLLH of the same time refines the place
+    gnss    NAV-PVT, else NAV-PVAT, else HNR-PVT, else NAV-POSLLH with NAV-VELNED, the week of NAV-SOL or
+            NAV-TIMEGPS and the fix of NAV-SOL or NAV-STATUS; NAV-HPPOSLLH of the same time refines the place
     imu     ESF-MEAS, or ESF-RAW: accelerations in 2^-10 m/s^2, rates in 2^-12 deg/s
     wheel   the speed of ESF-MEAS; ticks of wheels have no length and are left out
 
@@ -22,9 +22,9 @@ References: u-blox, F9 HPG 1.32 interface description; u-blox M8 receiver descri
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
-from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, gps_to_utc
+from recon.numerics.gnss_time import DAY_NS, GPS_EPOCH_NS, NS, WEEK_NS, gps_to_utc, utc_to_gps
 from recon.rows import Metric, metrics, warning
 from recon.schema import GNSS, IMU, WHEEL
 from recon.stages import Reader, Sniff
@@ -45,15 +45,21 @@ from recon_readers._ubx_frames import ESF_MEAS, ESF_RAW, LAYOUTS, Kind, Messages
 from recon_readers._ubx_sensors import UbxParams, imu, measured, wheel
 
 SOLUTIONS: Final = ("NAV-PVT", "NAV-PVAT", "HNR-PVT")
+States: TypeAlias = Mapping[str, tuple[Places, NDArray[np.void]]]
+"""Places (n,) and fields (n,) of the messages of a name."""
 _WEEK_MS: Final = WEEK_NS // 1_000_000
 VALID_TIME: Final = 0b11
 """Bits validDate and validTime."""
+RESOLVED: Final = 0b100
+"""Bit fullyResolved: without it the leap seconds are those that the firmware was made with."""
+MOST_LEAP_SECONDS: Final = 10
+"""That a firmware can have missed."""
 FIXES: Final = np.array([0, 3, 2, 3, 3, 1])
 """u-blox: none, dead reckoning, 2D, 3D, both, time only; as `fix` of the stream."""
 _NAMES: Final[dict[Kind, str]] = {
     **{kind: name for name, (kind, _) in LAYOUTS.items()},
     ESF_MEAS: "ESF-MEAS", ESF_RAW: "ESF-RAW", (0x02, 0x15): "RXM-RAWX", (0x02, 0x13): "RXM-SFRBX",
-    (0x01, 0x03): "NAV-STATUS", (0x01, 0x35): "NAV-SAT", (0x01, 0x05): "NAV-ATT", (0x10, 0x10): "ESF-STATUS",
+    (0x01, 0x35): "NAV-SAT", (0x01, 0x05): "NAV-ATT", (0x10, 0x10): "ESF-STATUS",
 }  # fmt: skip
 
 
@@ -96,23 +102,35 @@ def _gnss(path: Path, found: Messages) -> tuple[Times, Places, pa.Table | None, 
     for name in SOLUTIONS:
         places, rows = found.rows(name)
         if len(rows):
-            t_ns, missing = _utc(rows)
+            t_ns, missing, told = _utc(rows)
             source, groups = Source(path, name), _solution(rows, found)
             break
     else:
         places, rows = found.rows("NAV-POSLLH")
-        t_ns, missing = _by_week(found, places, rows["tow"])
+        states = {name: found.rows(name) for name in ("NAV-SOL", "NAV-TIMEGPS", "NAV-STATUS")}
+        t_ns, missing = _by_week(states, places, rows["tow"])
         source, groups = Source(path, "NAV-POSLLH"), _older(rows, found)
+        told = _fixed(groups, states, places, rows["tow"]) if len(rows) else []
     made, learnt = stream(source, GNSS, t_ns, missing, groups) if len(rows) else (None, [])
-    return t_ns[~missing], places[~missing], made, learnt
+    return t_ns[~missing], places[~missing], made, [*told, *learnt]
 
 
-def _utc(rows: NDArray[np.void]) -> tuple[Times, Mask]:
-    """UTC of messages that carry a date, (n,) ns; which have none, (n,) bool."""
+def _utc(rows: NDArray[np.void]) -> tuple[Times, Mask, list[Metric]]:
+    """UTC of messages that carry a date, (n,) ns; which have none, (n,) bool; and what is to be told of it."""
     date, known = days(*(rows[name].astype(np.int64) for name in ("year", "month", "day")))
     second = (rows["hour"].astype(np.int64) * 60 + rows["min"]) * 60 + rows["sec"]
     t_ns = date * DAY_NS + second * NS + rows["nano"]
-    return t_ns, ~known | ((rows["valid"] & VALID_TIME) != VALID_TIME) | (np.abs(rows["nano"].astype(np.int64)) > NS)
+    missing = ~known | ((rows["valid"] & VALID_TIME) != VALID_TIME) | (np.abs(rows["nano"].astype(np.int64)) > NS)
+    unsure = ~missing & ((rows["valid"] & RESOLVED) == 0)
+    if not unsure.any():
+        return t_ns, missing, []
+    gps_ns = utc_to_gps(t_ns[unsure]) - GPS_EPOCH_NS
+    late_ns = (gps_ns - rows["tow"][unsure].astype(np.int64) * 1_000_000 + WEEK_NS // 2) % WEEK_NS - WEEK_NS // 2
+    late_s = np.round(late_ns * 1e-9).astype(np.int64)
+    wrong = np.abs(late_s) <= MOST_LEAP_SECONDS
+    t_ns[unsure] -= np.where(wrong, late_s, 0) * NS
+    note = f"rows of {len(rows)} before the receiver was sure of the leap seconds, which go by the time of week"
+    return t_ns, missing, [Metric("leap_seconds_set", float(np.count_nonzero(late_s[wrong])), note=note)]
 
 
 def _solution(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
@@ -169,11 +187,32 @@ def _older(rows: NDArray[np.void], found: Messages) -> dict[str, Array]:
     return groups
 
 
-def _by_week(found: Messages, places: Places, tow: NDArray[np.uint32]) -> tuple[Times, Mask]:
+def _fixed(groups: dict[str, Array], states: States, places: Places, tow: NDArray[np.uint32]) -> list[Metric]:
+    """Leave out what came without a fix, by the NAV-SOL or NAV-STATUS of the same time, else by the last one.
+
+    places, tow : (n,) of NAV-POSLLH
+    """
+    name = next((name for name in ("NAV-SOL", "NAV-STATUS") if len(states[name][0])), None)
+    if name is None:
+        note = "neither NAV-SOL nor NAV-STATUS tells whether there was a fix: every NAV-POSLLH is taken as one"
+        return [warning(note)]
+    at, state = states[name]
+    behind = np.searchsorted(at, places).clip(max=len(at) - 1)
+    state = state[np.where(state["tow"][behind] == tow, behind, np.maximum(np.searchsorted(at, places) - 1, 0))]
+    ok = (state["flags"] & 1).astype(bool)
+    for column in list(groups) if not ok.all() else ():
+        groups[column] = np.where(ok, groups[column], np.nan)
+    groups["fix"] = np.where(ok, FIXES[np.minimum(state["fix"], 5)], 0).astype(np.float64)
+    if name == "NAV-SOL":
+        groups["satellites"] = state["sats"].astype(np.float64)
+    return []
+
+
+def _by_week(states: States, places: Places, tow: NDArray[np.uint32]) -> tuple[Times, Mask]:
     """UTC of times of week in ms by what NAV-SOL or NAV-TIMEGPS told last, or else first; a new week may have begun."""
     at, week, told = (np.zeros(0, dtype=np.int64) for _ in range(3))
     for name, field, bits in (("NAV-SOL", "flags", 0b1100), ("NAV-TIMEGPS", "valid", 0b11)):
-        where, rows = found.rows(name)
+        where, rows = states[name]
         known = (rows[field] & bits) == bits
         at, week = np.concatenate([at, where[known]]), np.concatenate([week, rows["week"][known].astype(np.int64)])
         told = np.concatenate([told, rows["tow"][known].astype(np.int64)])

@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from fuzz import log_files
 
@@ -110,6 +111,48 @@ def test_a_week_that_begins_between_a_place_and_what_tells_it_costs_no_row(tmp_p
     gnss = read(tmp_path, b"".join(parts))["gnss"]
     begins = np.datetime64("2025-10-26T00:00:00", "ns").astype(np.int64) - 18 * 10**9  # week 2390, less leap seconds
     assert time_ns(gnss).tolist() == (begins + 10**9 * np.arange(-2, 2)).tolist()
+
+
+def older(tow: int, number: int) -> bytes:
+    """NAV-POSLLH."""
+    return log_files.message(
+        0x01, 0x02, struct.pack("<I4i2I", tow, 113_000_000, 445_000_000 + number, 60_000, 15_000, 1_000, 2_000)
+    )
+
+
+@pytest.mark.parametrize("state", ["NAV-SOL", "NAV-STATUS"])
+def test_places_without_a_fix_are_left_out_of_older_messages_too(tmp_path: Path, state: str) -> None:
+    """NAV-POSLLH goes on with the last place, and says of itself nothing about a fix."""
+    parts = []
+    for number, fix in enumerate((0, 0, 3, 2, 3, 0)):
+        tow, ok = 1_000 * number, fix > 0
+        parts += [older(tow, number), log_files.message(0x01, 0x20, struct.pack("<IihbBI", tow, 0, 2389, 18, 7, 20))]
+        if state == "NAV-SOL":
+            payload = struct.pack("<IihBB35xBI", tow, 0, 2389, fix, 0b1100 | ok, 9, 0)
+        else:
+            payload = struct.pack("<IBB2xII", tow, fix, 0b1100 | ok, 0, 0)
+        parts.append(log_files.message(0x01, 0x06 if state == "NAV-SOL" else 0x03, payload))
+    gnss = read(tmp_path, b"".join(parts))["gnss"]
+    np.testing.assert_allclose(vector(gnss, "lat"), [44.5000002, 44.5000003, 44.5000004], rtol=0, atol=1e-9)
+    assert vector(gnss, "fix").tolist() == [3, 2, 3]
+    streams = read(tmp_path, b"".join(parts[: 3 * 6 : 3] + parts[1 : 3 * 6 : 3]))
+    assert streams["gnss"].num_rows == 6
+    assert any("tells whether there was a fix" in text for text in warnings_of(streams["metrics"]))
+
+
+def test_leap_seconds_that_the_receiver_does_not_know_yet_are_set_right(tmp_path: Path) -> None:
+    """Of the first messages it shows UTC by the 16 leap seconds of its firmware, and is not sure of them."""
+    truth, parts = log_files.gnss(), []
+    start = np.datetime64("1980-01-06", "ns")
+    shown = truth.set_column(0, "time", pa.array(time_ns(truth) + 2 * 10**9, truth.schema.field("time").type))
+    for row in range(6):
+        payload = bytearray(log_files.nav_pvt(truth if row >= 3 else shown, row)[6:-2])
+        gps_ns = int(time_ns(truth)[row]) + 18 * 10**9 - start.astype(np.int64)
+        struct.pack_into("<I", payload, 0, gps_ns // 10**6 % 604_800_000)
+        payload[11] = 0b111 if row >= 3 else 0b011
+        parts.append(log_files.message(1, 7, bytes(payload)))
+    gnss = read(tmp_path, b"".join(parts))["gnss"]
+    assert time_ns(gnss).tolist() == time_ns(truth)[:6].tolist()
 
 
 def test_older_messages_and_fine_places_are_put_together(logs: Path, tmp_path: Path) -> None:
