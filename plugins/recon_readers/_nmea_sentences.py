@@ -28,7 +28,7 @@ LONGEST_EPOCH: Final = 1 << 16
 """Bytes that the sentences of one time take, and all between them."""
 LONGEST: Final = 256
 """Bytes of a sentence; the standard has 82, receivers write more."""
-TYPES: Final[Mapping[str, int]] = {"RMC": 9, "GGA": 14, "GST": 8, "VTG": 8, "ZDA": 4, "GNS": 12, "GLL": 6, "GSA": 2}
+TYPES: Final[Mapping[str, int]] = {"RMC": 9, "GGA": 14, "GST": 8, "VTG": 9, "ZDA": 4, "GNS": 12, "GLL": 6, "GSA": 2}
 """Sentences that are read, and how many of their fields."""
 KNOT: Final = 1852.0 / 3600.0
 _SENTENCE: Final = re.compile(
@@ -233,7 +233,8 @@ def _gga(fields: list[Any]) -> dict[str, Array]:
 def _gns(fields: list[Any]) -> dict[str, Array]:
     found = {"height": _number(fields[8]), "separation": _number(fields[9]), "satellites": _number(fields[6])}
     fixed = ~_is(fields[5], "", "N", "NN", "NNN", "NNNN", "NNNNN", "NNNNNN")
-    return {**_where(fixed, {**_place(fields[1:5]), **found}), "quality": fixed.astype(np.float64)}
+    quality = np.where(_is(fields[5], ""), np.nan, fixed)  # of the sentence of one system beside that of all of them
+    return {**_where(fixed, {**_place(fields[1:5]), **found}), "quality": quality}
 
 
 def _gll(fields: list[Any]) -> dict[str, Array]:
@@ -242,7 +243,8 @@ def _gll(fields: list[Any]) -> dict[str, Array]:
 
 def _vtg(fields: list[Any]) -> dict[str, Array]:
     knots, km_h = _number(fields[4]) * KNOT, _number(fields[6]) / 3.6
-    return {"speed": np.where(np.isfinite(knots), knots, km_h), "course": np.radians(_number(fields[0]))}
+    found = {"speed": np.where(np.isfinite(knots), knots, km_h), "course": np.radians(_number(fields[0]))}
+    return _where(~_is(fields[8], "N"), found)  # without a fix, receivers tell zeros
 
 
 def _gst(fields: list[Any]) -> dict[str, Array]:

@@ -2,8 +2,9 @@
 
 Sentences of one time of day make one row; VTG and GSA, which have no time, belong to the sentence before them. The
 date comes from RMC or ZDA, counts on where times of day fall by more than half a day, and reaches back to the first
-sentences; without one the times count from midnight. Where two sentences tell the same, RMC goes before VTG, GGA before
-GNS before RMC before GLL. Height is above mean sea level, course is from true north.
+sentences; those of 1980, with which clocks begin before the first fix, do not count where others follow. Without a date
+the times count from midnight. Where two sentences tell the same, RMC goes before VTG, GGA before GNS before RMC before
+GLL. Height is above mean sea level, course is from true north.
 
 A sentence whose checksum is wrong or missing is left out and counted. Receivers with old firmware give dates that are
 1024 weeks (19.6 years) early: `rollovers` puts them right.
@@ -53,6 +54,8 @@ FROM: Final[Mapping[str, tuple[str, ...]]] = {
 """By value the sentences that tell it, the best first."""
 OLDEST_DAY: Final = 12_784
 """2005-01-01; dates before are rather those of a receiver whose week number has rolled over."""
+UNSET_DAYS: Final = (3_656, 4_018)
+"""From 1980-01-05 to the end of that year: where later dates follow, the clock of the receiver was not set yet."""
 
 
 class NmeaParams(Params):
@@ -126,6 +129,8 @@ def _rows(found: Mapping[str, Sentences]) -> dict[str, NDArray[Any]]:
 
 def _times(clock_ns: Times, days: Times, params: NmeaParams) -> tuple[Times, Mask, dict[str, str], list[Metric]]:
     """Times of the rows, (n,) ns; which have none, (n,) bool; facts and what is to be told."""
+    if (days >= UNSET_DAYS[1]).any():
+        days = np.where((days >= UNSET_DAYS[0]) & (days < UNSET_DAYS[1]), -1, days)
     missing = clock_ns < 0
     clock_ns = np.where(missing, 0, clock_ns)
     passed = np.cumsum(np.diff(clock_ns, prepend=clock_ns[:1]) < -DAY_NS // 2)

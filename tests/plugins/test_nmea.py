@@ -75,6 +75,39 @@ def test_sentences_before_the_first_date_get_it(tmp_path: Path) -> None:
     assert time_ns(streams["gnss"]).tolist() == [first, first + 10**9, first + 2 * 10**9]
 
 
+def test_a_clock_that_is_not_set_yet_dates_nothing(tmp_path: Path) -> None:
+    """As MTK3339 writes before its first fix; GGA comes more often than RMC."""
+    unset = []
+    for clock, date in (("235959.799", "050180"), ("000000.799", "060180")):
+        unset += [log_files.sentence(f"GPRMC,{clock},V,,,,,0.00,0.00,{date},,,N"), NO_SPEED]
+        unset.append(log_files.sentence(f"GPGGA,{clock},,,,,0,0,,,M,,M,,"))
+    streams = read(tmp_path, *unset, gga("100000.00"), gga("100000.50"), rmc("100001.00"), gga("100001.50"))
+    first = np.datetime64("2025-10-08T10:00:00", "ns").astype(np.int64)
+    assert time_ns(streams["gnss"]).tolist() == (first + 500_000_000 * np.arange(4)).tolist()
+    assert warnings_of(streams["metrics"]) == []
+
+
+NO_SPEED = "$GPVTG,0.00,T,,M,0.00,N,0.00,K,N*32"
+
+
+def test_a_speed_without_a_fix_is_none(tmp_path: Path) -> None:
+    zero = rmc("100001.00", place=",,,", status="V")
+    speed = vector(read(tmp_path, rmc("100000.00"), zero, NO_SPEED, rmc("100002.00"))["gnss"], "speed", gaps=True)
+    assert speed.tolist() == [pytest.approx(10.0 * 1852 / 3600)] * 2
+
+
+def test_sentences_of_one_system_beside_the_combined_one_take_no_fix_away(tmp_path: Path) -> None:
+    """The example of Trimble's description of GNS: those of GPS and GLONASS tell the number of their satellites."""
+    lines = (
+        "$GNGNS,014035.00,4332.69262,S,17235.48549,E,RR,13,0.9,25.63,11.24,,*70",
+        "$GPGNS,014035.00,,,,,,8,,,,1.0,23*76",
+        "$GLGNS,014035.00,,,,,,5,,,,1.0,23*67",
+        log_files.sentence("GNGSA,A,3,01,02,03,04,05,06,07,08,,,,,1.5,0.9,1.2"),
+    )
+    row = read(tmp_path, *lines, gga("014036.00"))["gnss"].to_pylist()[0]
+    assert (row["fix"], row["satellites"], row["height"]) == (3, 13, 25.63)
+
+
 def test_a_rolled_over_week_is_suspected_and_put_right(tmp_path: Path) -> None:
     early = rmc("100000.00", "220206")  # 2025-10-08 less 1024 weeks
     assert time_ns(read(tmp_path, early, rollovers=1)["gnss"])[0] == np.datetime64("2025-10-08T10:00", "ns").astype(int)
