@@ -132,11 +132,22 @@ def _flash(number: int, body: bytes) -> bytes:
 # --- telemetry: mavlink.io --------------------------------------------------------------------------------------------
 
 
-def tlog(seconds: float = 1.0, *, version: int = 2, autopilot: int = 3) -> bytes:
-    """RAW_IMU 50 Hz, GPS_RAW_INT 5 Hz, pressure, position and attitude at 10 Hz, as pymavlink packs them."""
+def tlog(
+    seconds: float = 1.0,
+    *,
+    version: int = 2,
+    autopilot: int = 3,
+    utc_us: int = UTC_US,
+    told: bool = True,
+    component: int = 1,
+) -> bytes:
+    """RAW_IMU 50 Hz, GPS_RAW_INT 5 Hz, pressure, position and attitude at 10 Hz, as pymavlink packs them.
+
+    utc_us : of the boot; told : by SYSTEM_TIME
+    """
     from pymavlink.dialects.v20 import ardupilotmega as v2
 
-    packer = v2.MAVLink(None, srcSystem=1, srcComponent=1)
+    packer = v2.MAVLink(None, srcSystem=1, srcComponent=component)
     milli = [round(value * 1000 / 9.80665) for value in ACCEL_FRD]
     rates = [round(value * 1000) for value in (*GYRO_FRD, *FIELD_FRD)]
     place = [round(LAT * 1e7), round(LON * 1e7), round(HEIGHT * 1e3)]
@@ -144,7 +155,7 @@ def tlog(seconds: float = 1.0, *, version: int = 2, autopilot: int = 3) -> bytes
     makers = {
         1: lambda t: [
             packer.heartbeat_encode(2, autopilot, 0, 0, 4),
-            packer.system_time_encode(UTC_US + t, t // 1000),
+            packer.system_time_encode(utc_us + t if told else 0, t // 1000),
         ],
         50: lambda t: [packer.raw_imu_encode(t, *milli, *rates)],
         5: lambda t: [packer.gps_raw_int_encode(t, 3, *place, 80, 90, 1000, 4500, 14, 0, 500, 1000, 250, 0)],
@@ -160,7 +171,7 @@ def tlog(seconds: float = 1.0, *, version: int = 2, autopilot: int = 3) -> bytes
             t_us = BOOT_US + at * 10**6 // rate
             for message in make(t_us):
                 frame = message.pack(packer, force_mavlink1=version == 1)
-                rows.append((t_us, rate, struct.pack(">Q", UTC_US + t_us + 3000) + frame))
+                rows.append((t_us, rate, struct.pack(">Q", utc_us + t_us + 3000) + frame))
     return b"".join(row for *_, row in sorted(rows, key=lambda each: each[:2]))
 
 

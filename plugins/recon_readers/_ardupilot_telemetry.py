@@ -6,9 +6,11 @@ Reference: mavlink.io, common.xml.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.numerics.geodesy import STANDARD_GRAVITY, Anchor, geodetic_to_enu
 from recon.rows import Metric, warning
@@ -40,6 +42,8 @@ _SENT: Final[Mapping[str, Mapping[str, str]]] = {
 _CLOCKS: Final = {"HEARTBEAT": "autopilot", "SYSTEM_TIME": "time_unix_usec"}
 _ARDUPILOT: Final = 3
 """MAV_AUTOPILOT_ARDUPILOTMEGA."""
+_RESTARTED_NS: Final = 10_000_000_000
+"""By more than this the boot clock falls where the autopilot starts again; messages come late by less."""
 
 
 def from_telemetry(log: Log) -> Streams:
@@ -49,13 +53,17 @@ def from_telemetry(log: Log) -> Streams:
         for name, fields in sent.items() if log.wants(stream) else ():
             wanted[name] = [*wanted.get(name, ()), *fields.split()]
     found = _mavlink.walk(log.path, wanted)
-    tables = found.tables()
+    tables, others = found.tables()
     account(log, found.damaged, "bytes that are no message")
     if found.wrong:
         log.learnt.append(Metric("checksums_wrong", float(found.wrong), note=f"of {found.frames} messages"))
-    log.offset_ns = _telemetry_utc(tables, log)
+    if others:
+        note = "of other vehicles, or of other components of this one, than the one that sent most"
+        log.learnt.append(Metric("messages_left_out", float(others), note=note))
+    clock = _clock(tables, log)
+    log.offset_ns = clock.utc_ns[0] if clock else None
     for source, table, unit in _inertial(tables, log):
-        t_ns = _sent_ns(table, log)
+        t_ns = _sent_ns(table, clock)
         if log.wants("imu"):
             felt = {**_sent(table, "accel", "acc", unit), **_sent(table, "gyro", "gyro", unit)}
             log.add_frd("imu", source, t_ns, felt)
@@ -63,24 +71,46 @@ def from_telemetry(log: Log) -> Streams:
             log.add_frd("mag", source, t_ns, _sent(table, "mag", "mag", unit))
     if log.wants("gnss") and "GPS_RAW_INT" in tables:
         gps = tables["GPS_RAW_INT"]
-        log.add("gnss", "GPS_RAW_INT", _sent_ns(gps, log), _sent_gnss(gps), **GNSS_FACTS)
+        log.add("gnss", "GPS_RAW_INT", _sent_ns(gps, clock), _sent_gnss(gps), **GNSS_FACTS)
     if log.wants("baro") and "SCALED_PRESSURE" in tables:
         air = tables["SCALED_PRESSURE"]
         celsius = air.numbers("temperature") / 100.0
         columns = {"pressure": air.numbers("press_abs") * 100.0, "temperature": celsius + 273.15}
-        log.add("baro", "SCALED_PRESSURE", _sent_ns(air, log), columns)
+        log.add("baro", "SCALED_PRESSURE", _sent_ns(air, clock), columns)
     if log.wants("reference"):
-        _sent_reference(tables, log)
+        _sent_reference(tables, clock, log)
     return log.streams(f"{found.frames} messages of MAVLink")
 
 
-def _sent_ns(table: _mavlink.Table, log: Log) -> Times:
-    """(n,) ns of the log's clock, which counts from boot; -1 where that cannot be.
+@dataclass(frozen=True)
+class _Clock:
+    """The boot clock of each start of the autopilot, in their order.
+
+    utc_ns : UTC minus it; received_ns : clock of the ground station minus it
+    """
+
+    utc_ns: list[int]
+    received_ns: list[int]
+
+    def start(self, ahead_ns: Times) -> NDArray[np.intp]:
+        """In which start messages were sent, (n,): by how far the ground station's clock is ahead, (n,) ns."""
+        order = np.argsort(self.received_ns)
+        known = np.array(self.received_ns)[order]
+        return np.asarray(order[np.searchsorted(known[:-1] + np.diff(known) // 2, ahead_ns)])
+
+
+def _sent_ns(table: _mavlink.Table, clock: _Clock | None) -> Times:
+    """(n,) ns of the log's clock, which counts from the first boot; -1 where that cannot be.
 
     What is stamped in us may be so since boot or since 1970; the size tells which (common.xml).
     """
     boot, utc = _stamps(table)
-    return np.where(utc >= 0, utc - (log.offset_ns or 0), boot)
+    if clock is None:
+        return np.where(utc >= 0, utc, boot)
+    if len(clock.utc_ns) > 1:
+        own = np.array(clock.utc_ns)[clock.start(table.received_ns - boot)]
+        boot = np.where(boot >= 0, boot + own - clock.utc_ns[0], -1)
+    return np.where(utc >= 0, utc - clock.utc_ns[0], boot)
 
 
 def _stamps(table: _mavlink.Table) -> tuple[Times, Times]:
@@ -93,23 +123,43 @@ def _stamps(table: _mavlink.Table) -> tuple[Times, Times]:
     return boot_ns(counts, 1_000), np.where(dated, counts * 1_000, -1)
 
 
-def _telemetry_utc(tables: Mapping[str, _mavlink.Table], log: Log) -> int | None:
-    """UTC minus boot, ns, by the autopilot, else by the ground station's clock.
+def _clock(tables: Mapping[str, _mavlink.Table], log: Log) -> _Clock | None:
+    """UTC minus boot at each start of the autopilot, by itself, else by the ground station's clock.
 
     Where no message counts from boot, the log's clock begins with its first message.
     """
     stamps = {name: _stamps(table) for name, table in tables.items() if name != "HEARTBEAT"}
+    booted = {name: int(np.count_nonzero(boot >= 0)) for name, (boot, _) in stamps.items()}
+    often = max(booted, key=lambda name: booted[name], default="")
+    if not booted.get(often, 0):
+        first = min((int(utc[utc >= 0].min()) for _, utc in stamps.values() if (utc >= 0).any()), default=None)
+        return None if first is None else _Clock([first], [first])
+    known = stamps[often][0] >= 0
+    boot, ahead = stamps[often][0][known], (tables[often].received_ns - stamps[often][0])[known]
+    starts = np.flatnonzero((np.diff(boot) < -_RESTARTED_NS) & (np.diff(ahead) > _RESTARTED_NS)) + 1
+    received = [median_ns(part) for part in np.split(ahead, starts)]
+    clock = _Clock(received, received)
+    if len(starts):
+        log.learnt.append(warning(f"the autopilot started {len(received)} times: each has its own boot clock"))
     if "SYSTEM_TIME" in tables:
         utc_us, boot = tables["SYSTEM_TIME"].integers("time_unix_usec"), stamps["SYSTEM_TIME"][0]
         known = (utc_us > _mavlink.EARLIEST_US) & (utc_us < _mavlink.LATEST_US) & (boot > 0)
         if known.any():
-            return _told(log, utc_us[known] * 1_000 - boot[known], "SYSTEM_TIME")
-    for name in ("ATTITUDE", *_IMUS, "GPS_RAW_INT", "SYSTEM_TIME"):
-        boot = stamps[name][0] if name in stamps else np.zeros(0, dtype=np.int64)
-        if (boot >= 0).any():
-            difference = (tables[name].received_ns - boot)[boot >= 0]
-            return _told(log, difference, f"{name}, by the clock of the ground station")
-    return min((int(utc[utc >= 0].min()) for _, utc in stamps.values() if (utc >= 0).any()), default=None)
+            difference, ahead = utc_us[known] * 1_000 - boot[known], (tables["SYSTEM_TIME"].received_ns - boot)[known]
+            _told(log, difference, "SYSTEM_TIME")
+            return _Clock(_by_start(clock, difference, ahead), received)
+    _told(log, ahead, f"{often}, by the clock of the ground station")
+    return clock
+
+
+def _by_start(clock: _Clock, difference: Times, ahead: Times) -> list[int]:
+    """UTC minus boot at each start, ns; where SYSTEM_TIME does not tell it, by the ground station's clock, set right.
+
+    difference, ahead : (n,) ns; UTC and the ground station's clock minus boot, of each SYSTEM_TIME
+    """
+    start, fast_ns = clock.start(ahead), median_ns(ahead - difference)
+    told = [difference[start == number] for number in range(len(clock.received_ns))]
+    return [median_ns(own) if len(own) else known - fast_ns for own, known in zip(told, clock.received_ns, strict=True)]
 
 
 def _told(log: Log, difference: Times, source: str) -> int:
@@ -163,7 +213,7 @@ def _known(values: Array, unknown: float) -> Array:
     return np.where(values == unknown, np.nan, values)
 
 
-def _sent_reference(tables: Mapping[str, _mavlink.Table], log: Log) -> None:
+def _sent_reference(tables: Mapping[str, _mavlink.Table], clock: _Clock | None, log: Log) -> None:
     table, turned = tables.get("GLOBAL_POSITION_INT"), tables.get("ATTITUDE")
     if table is None:
         return
@@ -177,6 +227,6 @@ def _sent_reference(tables: Mapping[str, _mavlink.Table], log: Log) -> None:
     vel_ned = np.column_stack([table.numbers(name)[somewhere] / 100 for name in ("vx", "vy", "vz")])
     q = None
     if turned is not None:
-        q = _sent_ns(turned, log), attitude_of(*(turned.numbers(name) for name in ("roll", "pitch", "yaw")))
-    t_ns, columns, facts = pose((_sent_ns(table, log)[somewhere], pos_ned, vel_ned), q, anchor)
+        q = _sent_ns(turned, clock), attitude_of(*(turned.numbers(name) for name in ("roll", "pitch", "yaw")))
+    t_ns, columns, facts = pose((_sent_ns(table, clock)[somewhere], pos_ned, vel_ned), q, anchor)
     log.add("reference", "on-board estimate GLOBAL_POSITION_INT", t_ns, columns, **facts)

@@ -12,6 +12,7 @@ Reference: mavlink.io/en/guide/serialization.html; message definitions common.xm
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from recon_readers._columns import Grown
 from recon_readers._windows import walk_through
 
 V1, V2 = 0xFE, 0xFD
+_MARK: Final = re.compile(b"[\xfd\xfe]")
 _WINDOW: Final = 2**22
 _LONGEST: Final = 8 + 10 + 255 + 2 + 13
 EARLIEST_US, LATEST_US = 946_684_800 * 10**6, 4_102_444_800 * 10**6
@@ -90,7 +92,7 @@ TIMES: Final = ("time_usec", "time_boot_ms")
 
 
 class Table:
-    """Fields of the messages of one name, system and sensor: (n,) each, and (n,) us of reception since 1970."""
+    """Fields of the messages of one name, sender and sensor: (n,) each, and (n,) us of reception since 1970."""
 
     def __init__(self, message: Message, fields: Collection[str]) -> None:
         names = [name for name in message.fields.names or () if name in {*TIMES, *fields}]
@@ -125,7 +127,7 @@ class Table:
 
 @dataclass
 class Walk:
-    """What was found: messages by name, system and sensor; frames, those of a wrong checksum, places without a frame.
+    """What was found: messages by name, sender and sensor; frames, those of a wrong checksum, places without a frame.
 
     wanted : the fields that are kept of a message, by its name
     """
@@ -136,24 +138,28 @@ class Walk:
     wrong: int = 0
     damaged: int = 0
 
-    def tables(self) -> dict[str, Table]:
-        """The messages of the system that sent most, by name; those of a second sensor as "NAME 2"."""
+    def tables(self) -> tuple[dict[str, Table], int]:
+        """The messages of the sender that sent most, by name, those of a second sensor as "NAME 2".
+
+        Also how many messages others sent: a gimbal has an IMU and a clock of its own.
+        """
         counts: dict[int, int] = {}
-        for (_, system, _), table in self.found.items():
-            counts[system] = counts.get(system, 0) + len(table)
-        chosen = max(counts, key=lambda system: counts[system], default=0)
+        for (_, sender, _), table in self.found.items():
+            counts[sender] = counts.get(sender, 0) + len(table)
+        chosen = max(counts, key=lambda sender: counts[sender], default=0)
+        others = sum(len(t) for (name, sender, _), t in self.found.items() if sender != chosen and name != "HEARTBEAT")
         return {
             f"{name} {sensor + 1}" if sensor else name: table
-            for (name, system, sensor), table in sorted(self.found.items())
-            if system == chosen
-        }
+            for (name, sender, sensor), table in sorted(self.found.items(), key=lambda each: each[0])
+            if sender == chosen
+        }, others
 
-    def take(self, message: Message, system: int, received_us: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+    def take(self, message: Message, sender: int, received_us: NDArray[np.int64], rows: NDArray[np.void]) -> None:
         """Keep messages, each with those of its sensor."""
         sensors = rows["id"] if "id" in (rows.dtype.names or ()) else np.zeros(len(rows), dtype=np.uint8)
         for sensor in np.unique(sensors).tolist():
             own = sensors == sensor
-            key = message.name, system, sensor
+            key = message.name, sender, sensor
             self.found.setdefault(key, Table(message, self.wanted[message.name])).add(received_us[own], rows[own])
 
 
@@ -165,7 +171,10 @@ def walk(path: Path, wanted: Mapping[str, Collection[str]]) -> Walk:
 
 
 def frame_at(window: bytes, at: int) -> tuple[int, int, int, int] | None:
-    """(number, system, start of the payload, its length) of the record at `at`; None where there is none."""
+    """(number, sender, start of the payload, its length) of the record at `at`; None where there is none.
+
+    The sender is 256 times its system, and its component.
+    """
     if at + 18 > len(window):
         return None
     received_us = int.from_bytes(window[at : at + 8], "big")
@@ -173,12 +182,13 @@ def frame_at(window: bytes, at: int) -> tuple[int, int, int, int] | None:
         return None
     length = window[at + 9]
     if window[at + 8] == V1:
-        number, system, start = window[at + 13], window[at + 11], at + 14
+        number, sender, start = window[at + 13], 256 * window[at + 11] + window[at + 12], at + 14
     elif window[at + 8] == V2:
-        number, system, start = int.from_bytes(window[at + 15 : at + 18], "little"), window[at + 13], at + 18
+        number, start = int.from_bytes(window[at + 15 : at + 18], "little"), at + 18
+        sender = 256 * window[at + 13] + window[at + 14]
     else:
         return None
-    return (number, system, start, length) if end_of(window, at, start, length) <= len(window) else None
+    return (number, sender, start, length) if end_of(window, at, start, length) <= len(window) else None
 
 
 def end_of(window: bytes, at: int, start: int, length: int) -> int:
@@ -189,31 +199,31 @@ def end_of(window: bytes, at: int, start: int, length: int) -> int:
 
 def _take(found: Walk, window: bytes, *, last: bool) -> int:
     at, end = 0, len(window) if last else len(window) - _LONGEST
-    places: dict[tuple[int, int, int, int], array[int]] = {}  # by number, system, version, length
+    places: dict[tuple[int, int, int, int], array[int]] = {}  # by number, sender, version, length
     while at < end:
         frame = frame_at(window, at)
         if frame is None:
             found.damaged += 1
             at = _next(window, at + 1)
             continue
-        number, system, start, length = frame
+        number, sender, start, length = frame
         found.frames += 1
         if number in _BY_NUMBER and _BY_NUMBER[number].name in found.wanted:
-            places.setdefault((number, system, window[at + 8], length), array("q")).append(at)
+            places.setdefault((number, sender, window[at + 8], length), array("q")).append(at)
         at = end_of(window, at, start, length)
-    for (number, system, version, length), offsets in places.items():
-        _gather(window, np.frombuffer(offsets, dtype=np.int64), found, number, system, version, length)
+    for (number, sender, version, length), offsets in places.items():
+        _gather(window, np.frombuffer(offsets, dtype=np.int64), found, number, sender, version, length)
     return at
 
 
 def _next(window: bytes, at: int) -> int:
     """Where the next record may begin."""
-    ways = [place for place in (window.find(bytes([mark]), at + 8) for mark in (V1, V2)) if place >= 0]
-    return min(ways) - 8 if ways else max(len(window) - 8, at)
+    mark = _MARK.search(window, at + 8)
+    return mark.start() - 8 if mark else max(len(window) - 8, at)
 
 
 def _gather(
-    window: bytes, at: NDArray[np.int64], found: Walk, number: int, system: int, version: int, length: int
+    window: bytes, at: NDArray[np.int64], found: Walk, number: int, sender: int, version: int, length: int
 ) -> None:
     message = _BY_NUMBER[number]
     head = 6 if version == V1 else 10
@@ -227,7 +237,7 @@ def _gather(
     taken = min(size, length)
     padded[:, :taken] = frames[right, head : head + taken]
     received = sliding_window_view(data, 8)[at[right]].view(">u8")[:, 0]
-    found.take(message, system, received.astype(np.int64), padded.view(message.fields)[:, 0])
+    found.take(message, sender, received.astype(np.int64), padded.view(message.fields)[:, 0])
 
 
 def checksum(data: NDArray[np.uint8], seed: int) -> NDArray[np.uint16]:

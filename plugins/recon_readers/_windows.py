@@ -17,7 +17,8 @@ class Take(Protocol):
 def walk_through(path: Path, size: int, take: Take) -> None:
     """Give `take` the file, `size` bytes at a time, behind what it left of those before."""
     with path.open("rb") as file:
-        left = b""
-        while data := file.read(size):
-            window = left + data
-            left = window[take(window, last=len(data) < size) :]
+        left, last = b"", False
+        while not last:
+            data = file.read(size)
+            window, last = left + data, len(data) < size
+            left = window[take(window, last=last) :]

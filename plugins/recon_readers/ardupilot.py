@@ -8,7 +8,8 @@
 Vectors are logged along forward, right, down and given along forward, left, up; heights are above mean sea level.
 Times count from the boot of the autopilot. UTC of a .bin is what the receiver says, GPS week and time less the leap
 seconds of that day; of a .tlog what SYSTEM_TIME says, else the clock of the ground station. In both it is the median of
-the differences to the boot clock, so that the receiver's or the radio's delay remains in it.
+the differences to the boot clock, so that the receiver's or the radio's delay remains in it. Where a .tlog goes on over
+a restart of the autopilot, each start has its own. Only what the sender of most messages sent is read, no gimbal's.
 
 pymavlink makes an object of every message and ends at the first kind that it does not know; here both formats are read
 as columns, and a damaged place is passed over.
@@ -65,6 +66,7 @@ def declare_readers() -> Iterable[Reader]:
         name="ardupilot",
         summary="Logs of ArduPilot, DataFlash and telemetry: IMU, GNSS, magnetometer, barometer, on-board estimate.",
         run=read,
+        version=2,
         sniff=sniff,
         selective=True,
         writes=WRITES,

@@ -193,6 +193,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="NMEA 0183 logs: GNSS of RMC, GGA, GST, VTG, ZDA, GNS, GLL and GSA.",
         params=NmeaParams,
         run=read,
+        version=2,
         sniff=sniff,
         writes={
             "gnss": GNSS.only("lat", "lon", "height", "speed", "course", "pos_std", "fix", "satellites").possible(),

@@ -158,6 +158,30 @@ def test_each_sensor_of_highres_imu_is_a_stream(tmp_path: Path) -> None:
     assert meta(streams["imu_2"])["source"] == "HIGHRES_IMU 2"
 
 
+@pytest.mark.parametrize("told_utc", [(True, True), (True, False), (False, True), (False, False)])
+def test_an_autopilot_that_starts_again_has_a_new_boot_clock(tmp_path: Path, told_utc: tuple[bool, bool]) -> None:
+    """The ground station goes on; its clock, which shows 3 ms more, counts where nothing else tells UTC."""
+    first, second = (
+        made.tlog(15.0, utc_us=UTC_US + late_us, told=own)
+        for late_us, own in zip((0, 60_000_000), told_utc, strict=True)
+    )
+    streams = read(tmp_path / "log", first + second)
+    late_ns = 0 if any(told_utc) else 3_000_000
+    own = START_NS + late_ns + 20_000_000 * np.arange(750)
+    assert time_ns(streams["imu"]).tolist() == [*own.tolist(), *(own + 60 * 10**9).tolist()]
+    assert streams["gnss"].num_rows == 150
+    assert any("started 2 times" in text for text in warnings_of(streams["metrics"]))
+    doubled = read(tmp_path / "log", first + first[len(first) // 4 :])
+    assert not any("started" in text for text in warnings_of(doubled["metrics"]))
+
+
+def test_what_a_gimbal_sends_is_not_the_vehicle(tmp_path: Path) -> None:
+    alone, gimbal = made.tlog(), made.tlog(0.5, utc_us=UTC_US + 10_000, component=154)
+    streams = read(tmp_path / "log", alone + gimbal)
+    assert streams["imu"].equals(read(tmp_path / "log", alone)["imu"])
+    assert told(streams, "messages_left_out") == [43.0]  # heartbeats apart
+
+
 def test_rows_of_times_that_no_clock_shows_are_counted(tmp_path: Path) -> None:
     streams = read(tmp_path / "log", made.highres_imu(0) + made.highres_imu(2**60, seconds=0.1, told=False))
     assert streams["imu"].num_rows == 50
