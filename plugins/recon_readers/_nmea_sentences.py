@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from recon.tables import Array
 from recon_readers._time_order import Mask, Times
-from recon_readers._time_text import clocks, days, whole
+from recon_readers._time_text import clocks, days, digits, short_dates
 
 BLOCK: Final = 1 << 21
 LONGEST_EPOCH: Final = 1 << 16
@@ -162,28 +162,11 @@ def _clock(name: str, fields: list[Any]) -> tuple[Times, Times]:
     clock_ns, good = clocks(fields[4 if name == "GLL" else 0])
     day = none
     if name == "RMC":
-        day = _date(fields[8])
+        day = short_dates(fields[8])
     elif name == "ZDA":
-        date, known = days(*(_digits(fields[index]) for index in (3, 2, 1)))
+        date, known = days(*(digits(fields[index]) for index in (3, 2, 1)))
         day = np.where(known, date, -1)
     return np.where(good, clock_ns, -1), day
-
-
-def _date(texts: Any) -> Times:
-    """Days since 1970 of ddmmyy, -1 where there is none; years 80 to 99 are of the last century."""
-    from pyarrow import compute
-
-    number = _digits(compute.if_else(compute.match_substring_regex(texts, r"^\d{6}$"), texts, ""))
-    year = number % 100
-    date, known = days(np.where(year >= 80, 1900, 2000) + year, number // 100 % 100, number // 10_000)
-    return np.where(known, date, -1)
-
-
-def _digits(texts: Any) -> Times:
-    """Whole numbers, 0 where a text is none."""
-    from pyarrow import compute
-
-    return whole(compute.if_else(compute.match_substring_regex(texts, r"^\d{1,9}$"), texts, ""))
 
 
 def _number(texts: Any) -> Array:

@@ -66,6 +66,26 @@ def days(years: Times, months: Times, of_month: Times) -> tuple[Times, Mask]:
     return np.where(good, date.astype(np.int64), 0), good
 
 
+def short_dates(texts: Any) -> Times:
+    """Days since 1970 of texts like 080625 for the 8th of June 2025, (n,), -1 where there is none.
+
+    Years 80 to 99 are of the last century.
+    """
+    from pyarrow import compute
+
+    number = digits(compute.if_else(compute.match_substring_regex(texts, r"^\d{6}$"), texts, ""))
+    year = number % 100
+    date, known = days(np.where(year >= 80, 1900, 2000) + year, number // 100 % 100, number // 10_000)
+    return np.where(known, date, -1)
+
+
+def digits(texts: Any) -> Times:
+    """Whole numbers of up to nine digits, (n,), 0 where a text is none."""
+    from pyarrow import compute
+
+    return whole(compute.if_else(compute.match_substring_regex(texts, r"^\d{1,9}$"), texts, ""))
+
+
 def time_of_day(found: Mapping[str, Any]) -> tuple[Times, Mask]:
     """ns since midnight of texts that were taken apart, (n,); and whether each is a time, (n,) bool."""
     from pyarrow import compute

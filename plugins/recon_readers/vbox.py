@@ -3,9 +3,12 @@
 A text of sections: [header] with names and some units, [column names], [data] with rows parted by blanks.
 
     sats       number of satellites, + 64 while the brake trigger is pressed, + 128 with differential corrections
-    time       HHMMSS.sss, UTC; the date is that of the line "File created on"; counts on over midnight
+    time       HHMMSS.sss, UTC; the date is that of the column Date (ddmmyy), else of the line "File created on", whose
+               time of day may be another zone's; counts on over midnight
     lat, long  minutes, positive north and WEST
     velocity   km/h or knots, as [header] tells; heading deg clockwise from true north; height m above mean sea level
+
+Without satellites a velocity of zero tells nothing, nor does the rest of the row but the IMU.
 
 Of an IMU: X_Accel, Y_Accel, Z_Accel in g; RollRate, PitchRate, YawRate about x, y, z in deg/s. Boxes of Racelogic
 differ in the senses of their axes, and the file does not tell: without the parameter `axes` the IMU is left out.
@@ -41,7 +44,7 @@ from recon_readers._mapping_parts import Axes
 from recon_readers._streams import Source, stream
 from recon_readers._text_blocks import Text
 from recon_readers._time_order import Mask, Times
-from recon_readers._time_text import clocks, days, over_midnight
+from recon_readers._time_text import clocks, days, over_midnight, short_dates
 
 ACCEL: Final = ("x_accel", "y_accel", "z_accel")
 RATES: Final = ("rollrate", "pitchrate", "yawrate")
@@ -100,7 +103,11 @@ def read(path: Path, params: VboxParams) -> Streams:
     imu, asked = _imu_parts(names, params)
     speed_unit = _speed_unit(file, params)
     gnss = _gnss_parts(names, speed_unit)
-    kinds = {"time": pa.string(), **{part.name: pa.float64() for part in (*gnss.values(), *imu.values())}}
+    texts = [name for name in ("time", "date") if name in names]
+    kinds = {
+        **dict.fromkeys(texts, pa.string()),
+        **{part.name: pa.float64() for part in (*gnss.values(), *imu.values())},
+    }
     lines = read_lines(
         path,
         file.text,
@@ -110,7 +117,7 @@ def read(path: Path, params: VboxParams) -> Streams:
         first_line=file.first_line,
     )
     clock_ns, good = lines.columns.pop("clock"), lines.columns.pop("good")
-    t_ns, facts, learnt = _dated(file, clock_ns, good)
+    t_ns, facts, learnt = _dated(file, clock_ns, good, lines.columns.pop("day", None))
     unit = Metric(
         "speed_unit",
         convert(1.0, speed_unit, "m/s"),
@@ -182,10 +189,19 @@ def _speed_unit(file: _File, params: VboxParams) -> str:
     raise ReadFailed(file.path, "its header does not tell the unit of velocity", line=1, hint=hint)
 
 
-def _dated(file: _File, clock_ns: Times, good: Mask) -> tuple[Times, dict[str, str], list[Metric]]:
-    """Times of day with the date on which the file was created, ns since 1970."""
+def _dated(
+    file: _File, clock_ns: Times, good: Mask, days_told: Times | None
+) -> tuple[Times, dict[str, str], list[Metric]]:
+    """Times of day with the date that the rows tell, else that on which the file was created, ns since 1970.
+
+    days_told : (n,) days since 1970, -1 where a row tells none; None where there is no such column
+    """
     t_ns = np.zeros_like(clock_ns)
     t_ns[good] = over_midnight(clock_ns[good])
+    dated = np.flatnonzero(good & (days_told >= 0))[:1] if days_told is not None else np.zeros(0, dtype=np.intp)
+    if days_told is not None and len(dated):
+        first = days_told[dated[0]] - t_ns[dated[0]] // DAY_NS
+        return t_ns + first * DAY_NS, {"clock": "absolute"}, [Metric("date", note="of the column Date")]
     text = next((line for line in file.section("") if line.startswith("File created on")), "")
     found = _CREATED.match(text)
     if found is None or not good.any():
@@ -195,7 +211,8 @@ def _dated(file: _File, clock_ns: Times, good: Mask) -> tuple[Times, dict[str, s
     date, known = days(*(np.array([number]) for number in (year, month, day)))
     if not known[0]:
         return t_ns, {"clock": "relative"}, [warning(f"'{text}' is no date: times count from midnight")]
-    late = found[4] is not None and clock_ns[good][0] < (hour * 60 + minute) * 60 * NS - DAY_NS // 2
+    after_ns = clock_ns[good][0] - (hour * 60 + minute) * 60 * NS if found[4] is not None else 0
+    late = int(after_ns < -DAY_NS // 2) - int(after_ns > DAY_NS // 2)
     return t_ns + (date[0] + late) * DAY_NS, {"clock": "absolute"}, [Metric("date", note=text)]
 
 
@@ -244,10 +261,15 @@ def _columns(table: pa.Table, gnss: Mapping[str, _Part], imu: Mapping[str, _Part
     """Of some rows: time of day, whether there is one, and the columns of both streams."""
     clock_ns, good = clocks(table["time"])
     found: dict[Any, NDArray[Any]] = {"clock": clock_ns, "good": good}
+    if "date" in table.column_names:
+        found["day"] = short_dates(table["date"].combine_chunks())
     for stream_name, parts in (("gnss", gnss), ("imu", imu)):
         for column, part in parts.items():
             values = vector(table, part.name, gaps=True)
             found[stream_name, column] = np.mod(values, FLAGS) if column == "satellites" else values * part.factor
+    lost = (found.get(("gnss", "satellites"), 1.0) == 0.0) & (found.get(("gnss", "speed"), 1.0) == 0.0)
+    for column in gnss if np.any(lost) else ():
+        found["gnss", column] = np.where(lost, np.nan, found["gnss", column])
     return found
 
 
@@ -268,6 +290,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="Racelogic VBOX files (.vbo): GNSS, and an IMU whose axes are given.",
         params=VboxParams,
         run=read,
+        version=2,
         sniff=sniff,
         writes={
             "gnss": GNSS.only("lat", "lon", "height", "speed", "course", "satellites").possible(),

@@ -69,6 +69,51 @@ def test_time_goes_on_over_midnight(tmp_path: Path) -> None:
     assert np.diff(time_ns(read(tmp_path, b"\r\n".join(lines))["gnss"])).tolist() == [100_000_000] * 3
 
 
+def at_clocks(lines: list[bytes], *clocks: bytes) -> bytes:
+    """The file of as many rows at other times of day."""
+    for clock, row in zip(clocks, range(len(lines) - 1 - len(clocks), len(lines) - 1), strict=True):
+        parts = lines[row].split(b" ")
+        lines[row] = b" ".join([parts[0], clock, *parts[2:]])
+    return b"\r\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("created", "first", "day"),
+    [
+        (b"15/04/2004 @ 08:21", b"072148.26", "2004-04-15T07:21:48.26"),
+        (b"15/04/2004 @ 23:59", b"000001.00", "2004-04-16T00:00:01"),
+        (b"15/04/2004 @ 00:30", b"233000.00", "2004-04-14T23:30:00"),
+    ],
+)
+def test_the_clock_by_which_a_file_was_created_may_be_another_zones(
+    tmp_path: Path, created: bytes, first: bytes, day: str
+) -> None:
+    lines = log_files.vbo(1).split(b"\r\n")
+    lines[0] = b"File created on " + created
+    gnss = read(tmp_path, at_clocks(lines, first))["gnss"]
+    assert time_ns(gnss)[0] == np.datetime64(day, "ns").astype(np.int64)
+
+
+def test_a_column_of_dates_goes_before_the_date_of_the_file(tmp_path: Path) -> None:
+    """As a VBOX Micro writes it; the first rows have none yet."""
+    lines = log_files.vbo(4).replace(b" Brake\r\n", b" Date\r\n").split(b"\r\n")
+    dates = (b"000000", b"000000", b"080708", b"080708")
+    for date, row in zip(dates, range(len(lines) - 5, len(lines) - 1), strict=True):
+        lines[row] = b" ".join([*lines[row].split()[:-1], date])
+    gnss = read(tmp_path, at_clocks(lines, b"235959.80", b"235959.90", b"000000.00", b"000000.10"))["gnss"]
+    midnight = np.datetime64("2008-07-08", "ns").astype(np.int64)
+    assert time_ns(gnss).tolist() == (midnight + 100_000_000 * np.arange(-2, 2)).tolist()
+
+
+def test_without_satellites_a_speed_of_zero_is_no_stop(tmp_path: Path) -> None:
+    lines = log_files.vbo(6).split(b"\r\n")
+    for row in (len(lines) - 4, len(lines) - 3):
+        parts = lines[row].split(b" ")
+        lines[row] = b" ".join([b"064", *parts[1:4], b"000.000", *parts[5:]])  # 64: the brake was pressed
+    streams = read(tmp_path, b"\r\n".join(lines), axes="FLU")
+    assert (streams["gnss"].num_rows, streams["imu"].num_rows) == (4, 6)
+
+
 def test_damaged_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     lines = log_files.vbo().split(b"\r\n")
     first = lines.index(b"[data]") + 1
