@@ -34,6 +34,8 @@ _SLOW_SHARE, _WHITE_SHARE = 0.9, 0.4
 """Of a reported sigma: what changes slowly, and what is white."""
 _UNKNOWN = (1e3, 1e2)
 """m, m/s; a larger sigma is what a receiver writes that knows none."""
+_FEWEST_PLACES: Final = 10
+"""Different ones, which tell whether they are rounded."""
 _LEAST = (0.003, 0.01)
 """m and m/s; a sigma below is not believed."""
 
@@ -95,6 +97,7 @@ def observe(gnss: pa.Table, start_ns: int, trust: Trust, reported: bool) -> Obse
     lat, lon = (np.where(known, value, origin) for value, origin in zip(place, (anchor.lat, anchor.lon), strict=False))
     pos_n = positions_n(lat, lon, np.where(level, place[2], anchor.height), anchor)
     white, drift = _position_sigmas(gnss, row, trust, reported)
+    white = np.hypot(white, _rounded(place[:, known], anchor)[:, None])
     measured = np.array([known, known, known & level])
     to_n = level_rotation(pos_n, anchor).swapaxes(0, 1)
     said = _velocities(gnss, row, trust, reported)
@@ -182,6 +185,20 @@ def _position_sigmas(gnss: pa.Table, row: NDArray[np.intp], trust: Trust, report
             none = np.isnan(sigma) | (sigma <= 0.0)
             white[axis] = np.maximum(_WHITE_SHARE * np.where(none, usual, sigma), _LEAST[0])
     return white, drift
+
+
+def _rounded(place: Array, anchor: Anchor) -> Array:
+    """Root mean square of the errors of places that are rounded to steps, east, north and up: (3,) m, step / sqrt(12).
+
+    Some values of rounded ones come again; those of who moves steadily are in equal distances, too.
+
+    place : (3, m) deg, deg, m
+    """
+    again = [_FEWEST_PLACES <= len(np.unique(axis)) < len(axis) for axis in place]
+    lat, lon, height = (_step(axis) if twice else 0.0 for axis, twice in zip(place, again, strict=True))
+    corner = np.array([[anchor.lat + lat], [anchor.lon + lon], [anchor.height + height]])
+    step = np.abs(positions_n(corner[0], corner[1], corner[2], anchor)[:, 0])
+    return np.asarray(step / np.sqrt(12.0))
 
 
 def _velocities(gnss: pa.Table, row: NDArray[np.intp], trust: Trust, reported: bool) -> _Velocities:
