@@ -13,7 +13,7 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.numerics.geodesy import Anchor
 from recon.numerics.gnss_time import GPS_EPOCH_NS, WEEK_NS, gps_to_utc
-from recon.rows import Metric
+from recon.rows import Metric, warning
 from recon.tables import Array, Streams
 from recon_readers import _dataflash
 from recon_readers._autopilot import (
@@ -48,6 +48,9 @@ def from_flash(log: Log) -> Streams:
     if len(found.kinds) < 2:
         raise ReadFailed(log.path, "it holds no FMT message, so no other can be read", hint=AGAIN)
     account(log, found.damaged, "bytes that are no message")
+    if found.declared_anew:
+        text = f"{found.declared_anew} messages are left out, for the log declares their kinds anew, with other fields"
+        log.learnt.append(warning(f"{text}: were several logs joined? Read each by itself"))
     log.offset_ns = _flash_utc(tables.get("GPS"), log)
     sensors = [("imu", "IMU", _flash_imu), ("mag", "MAG", _flash_mag), ("baro", "BAR", _flash_baro)]
     for stream, start, made in sensors:

@@ -19,6 +19,7 @@ from recon_readers import _mavlink
 from recon_readers._autopilot import (
     GAUSS,
     GNSS_FACTS,
+    RESTARTED_NS,
     Log,
     account,
     attitude_of,
@@ -42,8 +43,6 @@ _SENT: Final[Mapping[str, Mapping[str, str]]] = {
 _CLOCKS: Final = {"HEARTBEAT": "autopilot", "SYSTEM_TIME": "time_unix_usec"}
 _ARDUPILOT: Final = 3
 """MAV_AUTOPILOT_ARDUPILOTMEGA."""
-_RESTARTED_NS: Final = 10_000_000_000
-"""By more than this the boot clock falls where the autopilot starts again; messages come late by less."""
 
 
 def from_telemetry(log: Log) -> Streams:
@@ -136,7 +135,7 @@ def _clock(tables: Mapping[str, _mavlink.Table], log: Log) -> _Clock | None:
         return None if first is None else _Clock([first], [first])
     known = stamps[often][0] >= 0
     boot, ahead = stamps[often][0][known], (tables[often].received_ns - stamps[often][0])[known]
-    starts = np.flatnonzero((np.diff(boot) < -_RESTARTED_NS) & (np.diff(ahead) > _RESTARTED_NS)) + 1
+    starts = np.flatnonzero((np.diff(boot) < -RESTARTED_NS) & (np.diff(ahead) > RESTARTED_NS)) + 1
     received = [median_ns(part) for part in np.split(ahead, starts)]
     clock = _Clock(received, received)
     if len(starts):

@@ -29,6 +29,8 @@ GAUSS: Final = 1e-4
 GNSS_FACTS: Final = {"height_datum": "mean_sea_level", "heading_kind": "course_true"}
 LONGEST_NS: Final = 10**17
 """No autopilot runs for three years; a time of more is damaged."""
+RESTARTED_NS: Final = 10_000_000_000
+"""By more than this a boot clock falls where the autopilot starts again; messages come late by less."""
 _ENU_NED: Final = np.array((0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0))
 """Quaternion from north, east, down to east, north, up."""
 _FRD_FLU: Final = np.array((0.0, 1.0, 0.0, 0.0))
@@ -75,6 +77,9 @@ class Log:
             note = f"{source}: of times that its clock cannot show, of {len(t_ns)}"
             self.learnt.append(Metric("rows_left_out", float(np.count_nonzero(~sane)), note=note))
         t_ns = kept(t_ns, sane)
+        if len(t_ns) and int(np.diff(t_ns).min(initial=0)) < -RESTARTED_NS:
+            text = f"{source}: its clock begins anew in the log, so that rows of several drives are mixed"
+            self.learnt.append(warning(f"{text}: were several logs joined? Read each by itself"))
         names = self.wanted.of(stream, columns)
         chosen = valued({name: kept(columns.pop(name), sane) for name in names})
         if not chosen or not len(t_ns):

@@ -94,19 +94,26 @@ class Table:
 
 @dataclass
 class Walk:
-    """What was found in a file: all kinds by number, messages by kind's name, places that were no message."""
+    """What was found in a file: all kinds by number, messages by kind's name, places that were no message.
+
+    declared_anew : messages that `tables` left out, whose kind has other fields elsewhere in the file
+    """
 
     wanted: frozenset[str]
     kinds: dict[int, Kind] = field(default_factory=lambda: {FMT: Kind("FMT", _FMT_LENGTH, None)})
     counts: dict[str, int] = field(default_factory=dict)
     finished: dict[str, list[Table]] = field(default_factory=dict)
     damaged: int = 0
+    declared_anew: int = 0
 
     def tables(self) -> dict[str, Table]:
         """The messages by name. Of a kind that was declared anew the declaration with most messages counts."""
         for kind in self.kinds.values():
             self._close(kind)
-        return {name: max(tables, key=lambda table: len(table.rows)) for name, tables in self.finished.items()}
+        found = {name: max(tables, key=lambda table: len(table.rows)) for name, tables in self.finished.items()}
+        of_all = sum(len(table.rows) for tables in self.finished.values() for table in tables)
+        self.declared_anew = of_all - sum(len(table.rows) for table in found.values())
+        return found
 
     def declare(self, body: bytes) -> None:
         """Take in a FMT message. One that makes no sense is passed over."""
@@ -117,13 +124,13 @@ class Walk:
         fields = np.dtype([(name, _TYPES[code][0]) for name, code in zip(names, types, strict=True)]) if known else None
         if number == FMT or length < 3 or (fields is not None and fields.itemsize != length - 3):
             return
+        numeric = zip(names, types, strict=True) if known else ()
+        divisors = {name: _TYPES[code][1] for name, code in numeric if code not in "anNZ"}
         before = self.kinds.get(number)
-        if before is not None and (before.name, before.fields) == (name, fields):
+        if before is not None and (before.name, before.fields, before.divisors) == (name, fields, divisors):
             return
         if before is not None:
             self._close(before)
-        numeric = zip(names, types, strict=True) if known else ()
-        divisors = {name: _TYPES[code][1] for name, code in numeric if code not in "anNZ"}
         self.kinds[number] = Kind(name, length, fields if name in self.wanted else None, divisors)
 
     def _close(self, kind: Kind) -> None:

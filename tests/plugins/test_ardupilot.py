@@ -158,6 +158,19 @@ def test_each_sensor_of_highres_imu_is_a_stream(tmp_path: Path) -> None:
     assert meta(streams["imu_2"])["source"] == "HIGHRES_IMU 2"
 
 
+def test_logs_that_were_joined_are_told(tmp_path: Path) -> None:
+    streams = read(tmp_path / "log", made.dataflash(12.0) + made.dataflash(12.0))
+    assert any("IMU[0]: its clock begins anew" in text for text in warnings_of(streams["metrics"]))
+    assert not any("begins anew" in text for text in warnings_of(read(tmp_path / "log", made.dataflash())["metrics"]))
+
+
+def test_a_kind_that_is_declared_anew_is_told_also_where_only_its_units_change(tmp_path: Path) -> None:
+    """Pitch is first in hundredths of deg, then in deg: as many bytes."""
+    other = made.dataflash(0.5).replace(b"QBccCffffff", b"QBchCffffff")
+    streams = read(tmp_path / "log", made.dataflash() + other)
+    assert any("10 messages are left out, for the log declares" in text for text in warnings_of(streams["metrics"]))
+
+
 @pytest.mark.parametrize("told_utc", [(True, True), (True, False), (False, True), (False, False)])
 def test_an_autopilot_that_starts_again_has_a_new_boot_clock(tmp_path: Path, told_utc: tuple[bool, bool]) -> None:
     """The ground station goes on; its clock, which shows 3 ms more, counts where nothing else tells UTC."""
