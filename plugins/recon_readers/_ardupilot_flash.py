@@ -21,6 +21,7 @@ from recon_readers._autopilot import (
     GNSS_FACTS,
     Log,
     account,
+    angle,
     attitude_of,
     boot_ns,
     fixed,
@@ -121,7 +122,7 @@ def _flash_baro(table: _dataflash.Table) -> dict[str, Array]:
 
 
 def _flash_gnss(table: _dataflash.Table) -> dict[str, Array]:
-    status, speed, course = table.numbers("Status"), table.numbers("Spd"), np.radians(table.numbers("GCrs"))
+    status, speed, course = table.numbers("Status"), table.numbers("Spd"), angle(np.radians(table.numbers("GCrs")))
     columns = {"lat": table.numbers("Lat"), "lon": table.numbers("Lng"), "height": table.numbers("Alt")}
     columns |= {"vel_e": speed * np.sin(course), "vel_n": speed * np.cos(course), "vel_u": -table.numbers("VZ")}
     return fixed(columns, status, table.numbers("NSats"), speed, course)

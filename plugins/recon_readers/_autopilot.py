@@ -19,7 +19,7 @@ from recon.stages import Wanted
 from recon.tables import Array, Streams, with_meta
 from recon_readers._arrays import interleave, unit_quaternions
 from recon_readers._columns import kept
-from recon_readers._limits import MOST_FAULTY, possible
+from recon_readers._limits import LIMITS, MOST_FAULTY, possible
 from recon_readers._sensing import doubts, turned
 from recon_readers._streams import described, valued
 from recon_readers._time_order import EARLIEST_NS, Times, rising
@@ -31,6 +31,8 @@ LONGEST_NS: Final = 10**17
 """No autopilot runs for three years; a time of more is damaged."""
 RESTARTED_NS: Final = 10_000_000_000
 """By more than this a boot clock falls where the autopilot starts again; messages come late by less."""
+_LARGEST_ANGLE: Final = 100.0
+"""rad; more is no angle."""
 _ENU_NED: Final = np.array((0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0))
 """Quaternion from north, east, down to east, north, up."""
 _FRD_FLU: Final = np.array((0.0, 1.0, 0.0, 0.0))
@@ -150,7 +152,13 @@ def positive(values: Array) -> Array:
 
 def attitude_of(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Forward, left, up in east, north, up, from angles of forward, right, down in north, east, down, rad."""
+    roll, pitch, yaw = map(angle, (roll, pitch, yaw))
     return np.asarray(from_euler(yaw_from_heading(yaw), -pitch, roll))
+
+
+def angle(values: Array) -> Array:
+    """The values in rad, NaN where one is no angle, as infinity is none."""
+    return np.where(np.abs(values) < _LARGEST_ANGLE, values, np.nan)
 
 
 def attitude(q_ned: Array) -> Array:
@@ -172,7 +180,7 @@ def pose(
     parts |= {f"vel_{axis}": (t_ns, vel[:, n]) for n, axis in enumerate("enu")}
     facts: dict[str, Any] = {}
     if anchor is not None:
-        place = enu_to_geodetic(pos, anchor)
+        place = enu_to_geodetic(np.where(np.abs(pos) < LIMITS["pos"][1], pos, np.nan), anchor)
         parts |= {name: (t_ns, values) for name, values in zip(("lat", "lon", "height"), place, strict=True)}
         facts = {"anchor": asdict(anchor), "earth": "wgs84", "height_datum": "mean_sea_level"}
     if turned_q is not None:

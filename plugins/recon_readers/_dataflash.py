@@ -85,7 +85,8 @@ class Table:
 
     def integers(self, name: str) -> NDArray[np.int64]:
         """A field of whole numbers as (n,) int64."""
-        return np.asarray(self.rows[name].astype(np.int64))
+        with np.errstate(invalid="ignore"):  # a log may declare it as a float, which may be none
+            return np.asarray(self.rows[name].astype(np.int64))
 
     def only(self, choice: NDArray[np.bool_]) -> Table:
         """Some of the rows."""

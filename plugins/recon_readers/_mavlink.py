@@ -118,7 +118,8 @@ class Table:
 
     def numbers(self, name: str) -> Array:
         """A field as (n,) float64. It is given once and then no longer kept."""
-        return np.asarray(self._columns.pop(name).all.astype(np.float64))
+        with np.errstate(invalid="ignore"):  # a damaged float may be a NaN that signals
+            return np.asarray(self._columns.pop(name).all.astype(np.float64))
 
     def integers(self, name: str) -> NDArray[np.int64]:
         """A field of whole numbers as (n,) int64."""

@@ -34,7 +34,7 @@ from recon.rows import Metric, warning
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams
 from recon_readers._arrays import interleave
-from recon_readers._autopilot import GAUSS, GNSS_FACTS, LONGEST_NS, WRITES, Log, attitude, pose, positive
+from recon_readers._autopilot import GAUSS, GNSS_FACTS, LONGEST_NS, WRITES, Log, angle, attitude, pose, positive
 from recon_readers._time_order import Times
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -179,7 +179,7 @@ def _fix(data: Data) -> dict[str, Array]:
     columns = {
         **place,
         "speed": _numbers(data, "vel_m_s"),
-        "course": np.mod(_numbers(data, "cog_rad"), 2.0 * np.pi),
+        "course": np.mod(angle(_numbers(data, "cog_rad")), 2.0 * np.pi),
         "vel_e": _numbers(data, "vel_e_m_s") * moving,
         "vel_n": _numbers(data, "vel_n_m_s") * moving,
         "vel_u": -_numbers(data, "vel_d_m_s") * moving,

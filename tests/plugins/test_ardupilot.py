@@ -90,6 +90,32 @@ def test_only_what_is_wanted_is_read(tmp_path: Path) -> None:
         assert some["gnss"].column_names == ["time", "lat", "lon"]
 
 
+@pytest.mark.parametrize(("kind", "field"), [("GPS", "GCrs"), ("XKF1", "PN"), ("IMU", "AccX")])
+@pytest.mark.parametrize("bits", ["0100807f", "0000807f"], ids=["signalling", "infinite"])
+def test_floats_that_are_no_numbers_warn_nobody(tmp_path: Path, kind: str, field: str, bits: str) -> None:
+    data = bytearray(made.dataflash(10.0))
+    number, _, types, columns, _ = made._FLASH[kind]
+    sizes = [struct.calcsize("<" + made._FLASH_TYPES[code]) for code in types]
+    at = data.rindex(bytes([0xA3, 0x95, number])) + 3 + sum(sizes[: columns.split(",").index(field)])
+    data[at : at + 4] = bytes.fromhex(bits)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read(tmp_path / "log", bytes(data))["imu"].num_rows == 1000
+
+
+def test_angles_of_telemetry_that_are_no_numbers_warn_nobody(tmp_path: Path) -> None:
+    from pymavlink.dialects.v20 import ardupilotmega as v2
+
+    packer = v2.MAVLink(None, srcSystem=1, srcComponent=1)
+    (infinite,) = struct.unpack("<f", bytes.fromhex("0000807f"))
+    frame = packer.attitude_encode(BOOT_US // 1000 + 999, infinite, 0.0, 0.0, 0.0, 0.0, 0.0).pack(packer)
+    record = struct.pack(">Q", UTC_US + BOOT_US + 10**6) + frame
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        q = matrix(read(tmp_path / "log", made.tlog() + record)["reference"], "q", gaps=True)
+    assert np.isfinite(q).all(axis=1).sum() == 10
+
+
 @pytest.mark.parametrize("data", [made.dataflash(4.0), made.tlog(4.0)], ids=["bin", "tlog"])
 def test_behind_damaged_places_every_whole_message_is_used(tmp_path: Path, data: bytes) -> None:
     whole = read(tmp_path / "log", data)["imu"]
