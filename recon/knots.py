@@ -13,8 +13,10 @@ changes, too, however much smaller than its ends they are: 1e-7 of the sigmas of
 
 Between knots the trajectory is the logged motion, bent so that it meets both: attitude linear, position a cubic. Its
 error is therefore that of the two knots, interpolated likewise, and white noise of the IMU pinned down at both; the
-cubic is also the mean of such a process. Left out are scale errors of the IMU inside of an interval: a change of speed
-by dv in a part of one, as in a crash, errs besides by up to the scale error times dv.
+cubic is also the mean of such a process. Scale errors, which are among y, bend it besides, as recon.scale_errors
+tells: to what T has of both knots B C is added, B (9, 6) what each does there and C (6, g) what y is to them. Left out
+is vibration that shakes the box and not the vehicle, which is motion to the trajectory: where it has the sigma a, in
+m/s^2, about the frequency f, velocities err by some a / (2 pi f).
 
 Where L is NaN on its diagonal, as that of the attitude is where a fuser took it as given, nothing is known.
 
@@ -35,7 +37,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from recon.errors import DataError
-from recon.tables import Array, time_ns, vector
+from recon.tables import Array, meta, time_ns, vector
 
 SIZE: Final = 9
 POSITION: Final = slice(0, 3)
@@ -53,6 +55,7 @@ class Knots:
 
     t_ns : (N,) ns since 1970; root : (N, 9, 9) L; chain : (N-1, b, b) D; shared : (N, 9, g) T
     gyro_noise, accel_noise : (N,) rad/s^0.5, m/s^1.5 (that is rad/s/sqrt(Hz), m/s^2/sqrt(Hz)), from a knot to the next
+    scales : (6, g) C, None where nothing is known of it
     """
 
     t_ns: np.ndarray
@@ -61,6 +64,7 @@ class Knots:
     shared: Array
     gyro_noise: Array
     accel_noise: Array
+    scales: Array | None = None
 
     @classmethod
     def of(cls, table: pa.Table) -> Knots:
@@ -83,6 +87,7 @@ class Knots:
             shared.reshape(count, SIZE, common),
             vector(table, "gyro_noise"),
             vector(table, "accel_noise"),
+            None if (scales := meta(table).get("scales")) is None else np.asarray(scales, dtype=np.float64),
         )
 
     def columns(self) -> dict[str, object]:
@@ -96,6 +101,10 @@ class Knots:
             "chain": pa.concat_arrays([chain, pa.array([[]], chain.type)]),
             "shared": _lists(self.shared.reshape(count, -1)),
         }
+
+    def facts(self) -> dict[str, object]:
+        """The fact `scales` of the stream, as `recon.tables.with_meta` takes it."""
+        return {"scales": None if self.scales is None else self.scales.tolist()}
 
     def covariance(self, i: ArrayLike, j: ArrayLike) -> Array:
         """Covariance of the errors at pairs of knots: (..., 9, 9) of (...) numbers, rows of knot i, columns of j."""
@@ -111,19 +120,28 @@ class Knots:
         both[turned] = _turned(both[turned])
         return np.asarray(both.reshape(*i.shape, SIZE, SIZE))
 
-    def covariance_of_change(self, start_ns: ArrayLike, stop_ns: ArrayLike) -> Array:
+    def covariance_of_change(self, start_ns: ArrayLike, stop_ns: ArrayLike, bent: Array | None = None) -> Array:
         """Covariance of the error at one time less that at another: (..., 9, 9) of (...) ns since 1970.
+
+        bent : (..., 9, 6), B at `stop_ns` less that at `start_ns`; None for none
 
         Raises DataError outside of the knots.
         """
         start_ns, stop_ns = np.broadcast_arrays(np.asarray(start_ns, np.int64), np.asarray(stop_ns, np.int64))
         pairs = np.stack([start_ns.ravel(), stop_ns.ravel()])
-        blocks = [pairs[:, first : first + _AT_ONCE] for first in range(0, pairs.shape[1], _AT_ONCE)]
-        found = [self._of_changes(*block) for block in blocks]
+        shared = self._shared_bend(bent, pairs.shape[1])
+        blocks = [slice(first, first + _AT_ONCE) for first in range(0, pairs.shape[1], _AT_ONCE)]
+        found = [self._of_changes(pairs[0, block], pairs[1, block], shared[block]) for block in blocks]
         return np.concatenate([np.zeros((0, SIZE, SIZE)), *found]).reshape(*start_ns.shape, SIZE, SIZE)
 
-    def _of_changes(self, start_ns: np.ndarray, stop_ns: np.ndarray) -> Array:
-        """As `covariance_of_change` of times (n,)."""
+    def _shared_bend(self, bent: Array | None, count: int) -> Array:
+        """B C of each change: (count, 9, g)."""
+        if bent is None or self.scales is None:
+            return np.zeros((count, SIZE, self.shared.shape[2]))
+        return np.asarray(bent.reshape(count, SIZE, -1) @ self.scales)
+
+    def _of_changes(self, start_ns: np.ndarray, stop_ns: np.ndarray, bend: Array) -> Array:
+        """As `covariance_of_change` of times (n,). bend : (n, 9, g)"""
         (before, s, length_s), (after, t, other_length_s) = self._locate(start_ns), self._locate(stop_ns)
         knots = np.stack([before, before + 1, after, after + 1])
         weights = np.stack([*(-_interpolation(s, length_s)), *_interpolation(t, other_length_s)])
@@ -136,6 +154,8 @@ class Knots:
             known = np.nan_to_num(self.covariance(knots[one], knots[other]))
             part = weights[one] @ known @ _turned(weights[other])
             total += part if one == other else part + _turned(part)
+        beside = (weights @ self.shared[knots]).sum(axis=0) @ _turned(bend)
+        total += bend @ _turned(bend) + beside + _turned(beside)
         total += self._pinned(before, s, s, length_s) + self._pinned(after, t, t, other_length_s)
         common = self._pinned(before, np.minimum(s, t), np.maximum(s, t), length_s)
         total -= (before == after)[:, None, None] * (common + _turned(common))
@@ -156,7 +176,7 @@ class Knots:
         Of times in one interval; for others it means nothing.
         """
         moving = _wandered(s) @ _turned(_moved(t - s))
-        moving -= _share(s, length_s) @ _wandered(length_s) @ _turned(_share(t, length_s))
+        moving -= cubic_share(s, length_s) @ _wandered(length_s) @ _turned(cubic_share(t, length_s))
         turning = s - s * t / length_s
         accel, gyro = self.accel_noise[knot] ** 2, self.gyro_noise[knot] ** 2
         return _on_axes(moving * accel[:, None, None], turning * gyro)
@@ -179,13 +199,13 @@ def _turned(matrices: Array) -> Array:
 
 def _interpolation(step_s: Array, length_s: Array) -> Array:
     """What the errors at the knot before and at the next have in those that long after the first: (2, n, 9, 9)."""
-    after = _share(step_s, length_s)
+    after = cubic_share(step_s, length_s)
     before = _moved(step_s) - after @ _moved(length_s)
     share = step_s / length_s
     return np.stack([_on_axes(before, 1.0 - share), _on_axes(after, share)])
 
 
-def _share(step_s: Array, length_s: Array) -> Array:
+def cubic_share(step_s: Array, length_s: Array) -> Array:
     """What position and velocity at the end of an interval have in those inside: (n, 2, 2). Barfoot 2014, eq. 19."""
     return np.asarray(_wandered(step_s) @ _turned(_moved(length_s - step_s)) @ np.linalg.inv(_wandered(length_s)))
 

@@ -18,6 +18,7 @@ from recon.movement import Movement, Movements, movements
 from recon.numerics.rotation_series import slerp
 from recon.numerics.signals import interpolate_angle
 from recon.placing import EARTHS
+from recon.scale_errors import between_knots
 from recon.tables import Array, has, matrix, meta, time_ns, vector
 
 if TYPE_CHECKING:
@@ -139,13 +140,19 @@ class Trajectory:
         several = _several(start) or _several(stop)
         starts, stops = np.broadcast_arrays(*(self._ns(t if _several(t) else [t]) for t in (start, stop)))
         poses = self._poses(np.concatenate([starts, stops]))
-        known = self.knots is not None and self._passes(self.knots)
-        unknown = np.full((len(starts), SIZE, SIZE), np.nan)
-        spread = Knots.of(self.knots).covariance_of_change(starts, stops) if known else unknown
+        spread = self._spread(starts, stops)
         along = self._way(stops) - self._way(starts)
         before, after = poses[: len(starts)], poses[len(starts) :]
         found = movements(before, after, np.abs(along), spread, EARTHS[meta(self.table).get("earth", "wgs84")])
         return found if several else found.only()
+
+    def _spread(self, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> Array:
+        """Covariances of the errors at some times less those at others: (n, 9, 9), NaN where no knots tell them."""
+        if self.knots is None or not self._passes(self.knots):
+            return np.full((len(starts), SIZE, SIZE), np.nan)
+        known = Knots.of(self.knots)
+        before, after = np.split(between_knots(self.table, known.t_ns, np.concatenate([starts, stops])), 2)
+        return known.covariance_of_change(starts, stops, after - before)
 
     def _passes(self, knots: pa.Table) -> bool:
         """Does the trajectory pass through the knots?"""

@@ -6,6 +6,8 @@ in sigmas by the Cholesky root of their covariance. The attitude is that of the 
 sensor's, m that of the mounting, which is one of the common unknowns.
 
     P = L L^T,    D_k = L_k^-1 G_k L_k+1 - I,    T_k = -(z-part of W_k y + R_lv m), y = S^-1/2 eta
+
+C is the rows of S^1/2 that belong to scale errors.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ def knots(found: Estimate, imu: pa.Table, trajectory: pa.Table) -> pa.Table:
     rot_ln = level_rotation(state.pos_n, drive.anchor)
     rot_lv = mm(rot_ln, mmt(state.rot_ns, state.rot_vs[..., None]))
     t_ns = time_ns(imu)[0] + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
+    known = _covariances(found, t_ns, np.moveaxis(rot_ln, -1, 0), np.moveaxis(rot_lv, -1, 0))
     table = build(
         KNOTS,
         time=t_ns,
@@ -39,10 +42,10 @@ def knots(found: Estimate, imu: pa.Table, trajectory: pa.Table) -> pa.Table:
         gyro_bias=state.gyro_bias.T,
         accel_bias=state.accel_bias.T,
         drift=state.drift_n.T,
-        **_covariances(found, t_ns, np.moveaxis(rot_ln, -1, 0), np.moveaxis(rot_lv, -1, 0)).columns(),
+        **known.columns(),
     )
     facts = meta(trajectory)
-    return with_meta(table, **{name: facts.get(name) for name in _FACTS})
+    return with_meta(table, **{name: facts.get(name) for name in _FACTS}, **known.facts())
 
 
 def _covariances(found: Estimate, t_ns: np.ndarray, rot_ln: Array, rot_lv: Array) -> Knots:
@@ -56,14 +59,16 @@ def _covariances(found: Estimate, t_ns: np.ndarray, rot_ln: Array, rot_lv: Array
     chained = turn[:-1] @ inverse.gains @ turn[1:].swapaxes(1, 2) @ root[1:]
     shared = turn[:, :SIZE] @ inverse.sensitivity
     shared[:, ATTITUDE] += rot_lv @ np.eye(unknowns.COMMON_SIZE)[unknowns.MOUNT, smoother.free]
+    common = np.linalg.cholesky(inverse.covariance_global)
     gyro, accel = (np.append(values, values[-1]) for values in smoother.disturbed.densities(found.solved.noise))
     return Knots(
         t_ns,
         root[:, :SIZE, :SIZE],
         np.asarray(np.linalg.solve(root[:-1], chained - root[:-1]), np.float64),
-        -shared @ np.linalg.cholesky(inverse.covariance_global),
+        -shared @ common,
         gyro,
         accel,
+        np.eye(unknowns.COMMON_SIZE)[unknowns.SCALES, smoother.free] @ common,
     )
 
 
