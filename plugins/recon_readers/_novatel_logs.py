@@ -36,6 +36,8 @@ _AT_ONCE: Final = 1 << 14
 _ASCII: Final = re.compile(rb"([#%])([A-Z0-9]{3,24}A),([^;*#%\r\n]{1,200});([^*#%\r\n]{1,2000})\*([0-9a-fA-F]{8})")
 _SYNC: Final = re.compile(rb"\xaa\x44[\x12\x13]")
 _UNKNOWN_TIME: Final = 20
+_LAST_WEEK: Final = 10_000
+"""Far beyond 2100; receivers that know no week may write 65535."""
 _WORDS: Final = {
     "SOL_COMPUTED": 0.0,
     "INSUFFICIENT_OBS": 1.0,
@@ -63,8 +65,8 @@ _PLACE: Final = ("lat", "lon", "height")
 _SIGMAS: Final = ("pos_std_n", "pos_std_e", "pos_std_u")
 _MOTION: Final = ("vel_n", "vel_e", "vel_u", "roll", "pitch", "azimuth")
 _POS: Final = Layout(
-    struct.Struct("<I4xdddf4xfff12xB"),
-    (0, 2, 3, 4, 5, 7, 8, 9, 13),
+    struct.Struct("<I4xdddf4xfff13xB"),
+    (0, 2, 3, 4, 5, 7, 8, 9, 14),
     ("status", *_PLACE, "undulation", *_SIGMAS, "satellites"),
 )
 _VEL: Final = Layout(
@@ -202,7 +204,7 @@ def _binary(raw: bytes, start: int, found: Found) -> int:
         return start
     number = int.from_bytes(head[4:6], "little")
     week, milliseconds = struct.unpack_from("<HI", head, 6 if short else 14)
-    timed = week > 0 and (short or head[13] > _UNKNOWN_TIME)
+    timed = 0 < week < _LAST_WEEK and (short or head[13] > _UNKNOWN_TIME)
     _keep(_BY_ID.get(number, f"id {number}"), GPS_EPOCH_NS + week * WEEK_NS + milliseconds * 1_000_000, timed, found,
           lambda layout: layout.binary.unpack_from(whole, size) if length >= layout.binary.size else None)  # fmt: skip
     return end + 4
@@ -216,7 +218,7 @@ def _ascii(match: re.Match[bytes], found: Found) -> None:
     head = match[3].split(b",")
     week, seconds = (head[4], head[5]) if match[1] == b"#" and len(head) > 5 else (head[0], head[-1])
     gps_ns = _gps_ns(week, seconds)
-    timed = gps_ns is not None and b"UNKNOWN" not in head
+    timed = gps_ns is not None and b"UNKNOWN" not in head and 0 < int(week) < _LAST_WEEK
     values = match[4].split(b",")
     _keep(match[2].decode()[:-1], gps_ns or 0, timed, found, lambda layout: _numbers(values, layout))
 

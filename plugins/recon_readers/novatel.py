@@ -215,7 +215,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="NovAtel logs, ASCII and binary: BESTPOS, BESTVEL, INSPVAX, CORRIMUS.",
         run=read,
         sniff=sniff,
-        version=2,
+        version=3,
         writes={
             "gnss": GNSS.only("lat", "lon", "height", "speed", "course", "pos_std", "satellites").possible(),
             "reference": REFERENCE.only("pos", "vel", "q", "lat", "lon", "height").possible(),

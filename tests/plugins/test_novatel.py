@@ -170,6 +170,23 @@ def test_times_that_are_not_known_and_solutions_that_are_none_do_not_count(tmp_p
         read(tmp_path, none)
 
 
+def test_satellites_are_those_of_the_solution_not_those_tracked(tmp_path: Path) -> None:
+    gnss = read(tmp_path, log_files.novatel_ascii(1))["gnss"]
+    assert vector(gnss, "satellites").tolist() == [30]  # of 35
+    assert vector(read(tmp_path, log_files.novatel_packets(1))["gnss"], "satellites").tolist() == [10]  # of 12
+
+
+@pytest.mark.parametrize("made", [log_files.novatel_ascii, log_files.novatel_packets], ids=["ascii", "binary"])
+@pytest.mark.parametrize("week", [0, 65_535])
+def test_a_week_that_is_none_dates_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: object, week: int
+) -> None:
+    good = made(4)  # type: ignore[operator]
+    expected = read(tmp_path, good)["gnss"]
+    monkeypatch.setattr(log_files, "WEEK", week)
+    assert read(tmp_path, made(1) + good)["gnss"].equals(expected)  # type: ignore[operator]
+
+
 def test_real_captures_of_packets(logs: Path) -> None:
     folder = logs / "formats" / "novatel"
     gnss = recon.read(folder / "bestpos-bestvel-psrdop2-sync.pcap")["gnss"]
