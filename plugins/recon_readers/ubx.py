@@ -98,7 +98,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
 
 
 def _gnss(path: Path, found: Messages) -> tuple[Times, Places, pa.Table | None, list[Metric]]:
-    """Times (n,) and places (n,) of valid navigation messages; the stream gnss."""
+    """Times (n,) and places (n,) of navigation messages that tell UTC; the stream gnss."""
     for name in SOLUTIONS:
         places, rows = found.rows(name)
         if len(rows):
@@ -111,8 +111,11 @@ def _gnss(path: Path, found: Messages) -> tuple[Times, Places, pa.Table | None, 
         t_ns, missing = _by_week(states, places, rows["tow"])
         source, groups = Source(path, "NAV-POSLLH"), _older(rows, found)
         told = _fixed(groups, states, places, rows["tow"]) if len(rows) else []
+    sure = ~missing
+    if (sure & (groups.get("fix", sure) > 0)).any():  # without a fix the time may be that of a clock in the receiver
+        sure &= groups.get("fix", sure) > 0
     made, learnt = stream(source, GNSS, t_ns, missing, groups) if len(rows) else (None, [])
-    return t_ns[~missing], places[~missing], made, [*told, *learnt]
+    return t_ns[sure], places[sure], made, [*told, *learnt]
 
 
 def _utc(rows: NDArray[np.void]) -> tuple[Times, Mask, list[Metric]]:

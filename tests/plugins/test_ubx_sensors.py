@@ -76,6 +76,18 @@ def test_a_sensor_beside_the_receiver_has_a_clock_of_its_own(tmp_path: Path) -> 
     assert after_start_ms(streams["imu"]) == after_start_ms(streams["wheel"]) == after_start_ms(streams["gnss"])
 
 
+def test_a_time_without_a_fix_sets_no_clock(tmp_path: Path) -> None:
+    """Before the first fix a receiver tells the time of its own clock, here 1.5 s ahead."""
+    ahead = GNSS.set_column(0, "time", pa.array(time_ns(GNSS) + 1_500_000_000, GNSS.schema.field("time").type))
+    parts = []
+    for row, (at_ms, fix) in enumerate(fixes(range(20))):
+        early = bytearray(log_files.nav_pvt(ahead, row)[6:-2])
+        early[21] = 0
+        parts += [fix if row >= 5 else log_files.message(1, 7, bytes(early)), meas(5_000 + at_ms, AXES)]
+    streams = read(tmp_path, parts)
+    assert after_start_ms(streams["imu"])[5:] == after_start_ms(streams["gnss"])
+
+
 def test_messages_of_several_lengths_keep_their_order(tmp_path: Path) -> None:
     """Every second one holds a temperature as well."""
     parts = []
