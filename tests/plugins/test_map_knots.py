@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_drives import fused
+from map_drives import drive, fused, numbers
 from scipy.stats import chi2
 from smoothing_drives import Log, simulate
 
@@ -13,6 +13,7 @@ from recon.numerics.rotation import to_euler
 from recon.numerics.signals import wrap_angle
 from recon.numerics.smoothing import Model, estimate
 from recon.rows import spans
+from recon.scale_errors import between_knots
 from recon.tables import matrix, time_ns
 from recon.trajectory import Trajectory
 from recon_detectors.crash import CrashParams, crash
@@ -51,3 +52,16 @@ def test_the_turn_of_a_spin_between_knots_errs_by_what_its_sigma_says():
         error = wrap_angle(told.heading_change - (yaw[0] - yaw[1]))
         ratios.append(float(error[0] / told.heading_sigma[0]))
     assert np.square(ratios).sum() < chi2.ppf(0.999, len(ratios))
+
+
+def test_between_knots_the_motion_has_the_scale_errors_that_were_found():
+    """What is left of them is hidden in the noise of the gyroscope."""
+    log = drive("city", "perfect", gyro_scale=0.005, gyro_noise=1e-5)
+    found, true = fused(log), log["reference"]
+    t_ns, knots_ns = time_ns(found["trajectory"]), time_ns(found["knots"])
+    yaw, wanted = (to_euler(matrix(table, "q"))[0] for table in (found["trajectory"], true))
+    off = wrap_angle(yaw - wanted[np.searchsorted(time_ns(true), t_ns)])
+    left = off - np.interp(t_ns, knots_ns, off[np.searchsorted(t_ns, knots_ns)])
+    scales = [numbers(log)[f"true_{sensor}_scale_{axis}"] for sensor in ("gyro", "accel") for axis in "xyz"]
+    made = between_knots(found["trajectory"], knots_ns, t_ns)[:, 8] @ scales
+    assert np.std(left) < 0.2 * np.std(made)

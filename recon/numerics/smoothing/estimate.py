@@ -102,7 +102,7 @@ def with_stops_in_silence(smoother: Smoother, solved: Solved, rough: bool = Fals
             break
         solved = smoother.solve(solved.state, solved.noise, "tls", SHARPEST)
         rough = False
-    return with_covariances(smoother, solved)
+    return with_covariances(smoother, smoother.anew(solved))
 
 
 def _standing(smoother: Smoother, solved: Solved, highest: float) -> Mask:

@@ -131,6 +131,23 @@ class Smoother(Equations):
         self.steps += 1
         return self._solved(state, noise, gravity, made, here, system, solution, True)
 
+    def anew(self, solved: Solved) -> Solved:
+        """The solution with the motion between its knots integrated with the biases and scale errors that it found.
+
+        To first order their share of an interval is that of its time; where a vehicle brakes or turns in a part of one
+        it is not.
+        """
+        state = solved.state
+        self._increments = None
+        increments = self.increments(state)
+        gravity = GravityField.around(state.pos_n, self.drive.anchor)
+        return replace(
+            solved,
+            increments=increments,
+            inside=locate(solved.epochs, self.drive.samples, increments),
+            ends=misclosure(state, increments, gravity, self.earth_rate_n),
+        )
+
     def _solved(
         self,
         state: State,
