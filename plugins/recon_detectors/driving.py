@@ -155,7 +155,7 @@ def declare_detectors() -> Iterable[Detector]:
     yield Detector(
         name="driving",
         summary="Trips, harsh braking, acceleration and cornering by named limits, and speeding.",
-        version=3,
+        version=4,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"events": EVENTS},

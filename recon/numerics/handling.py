@@ -85,19 +85,16 @@ def spells(
 ) -> NDArray[np.intp]:
     """First and last row of each stretch beyond a limit: (m, 2).
 
-    merge_s : stretches that follow each other so soon are one; min_s : what is shorter then does not count; none spans
-        a gap
+    merge_s : stretches that follow each other so soon are one; min_s : one that is beyond the limit for less time, the
+        pauses in it left out, does not count; none spans a gap
     """
     found: list[tuple[int, int]] = []
     for start, stop in pieces(t_ns, max_gap_s):
         rows = runs(beyond[start:stop]) + start - [0, 1]
-        joined: list[list[int]] = []
-        for first, last in rows.tolist():
-            if joined and (t_ns[first] - t_ns[joined[-1][1]]) * 1e-9 <= merge_s:
-                joined[-1][1] = last
-            else:
-                joined.append([first, last])
-        found += [(first, last) for first, last in joined if (t_ns[last] - t_ns[first]) * 1e-9 >= min_s]
+        pauses = (t_ns[rows[1:, 0]] - t_ns[rows[:-1, 1]]) * 1e-9
+        joined = np.split(rows, np.flatnonzero(pauses > merge_s) + 1) if len(rows) else []
+        long = (one for one in joined if int(np.diff(t_ns[one]).sum()) * 1e-9 >= min_s)
+        found += [(int(one[0, 0]), int(one[-1, 1])) for one in long]
     return np.array(found, dtype=np.intp).reshape(-1, 2)
 
 

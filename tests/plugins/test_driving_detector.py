@@ -102,6 +102,14 @@ def test_braking_twice_within_three_seconds_is_one_event():
     assert kinds(braking(0.5 * G, duration_s=1.0, again_after_s=5.0)) == ["harsh_braking"] * 2
 
 
+def test_pauses_within_the_limit_are_no_time_beyond_it():
+    """Of each five seconds one is beyond: within 36 s there are eight."""
+    t_ns = START_NS + np.arange(4000) * 10_000_000
+    beyond = np.arange(4000) % 500 <= 100
+    assert spells(t_ns, beyond, 5.0, 8.0, 1.0).tolist() == [[0, 3600]]
+    assert not len(spells(t_ns, beyond, 5.0, 8.01, 1.0))
+
+
 def test_speeding_needs_a_limit_and_tells_by_how_much():
     fast = gentle(speed=30.0)
     assert kinds(fast) == []
