@@ -1,8 +1,9 @@
 """KML tracks: gx:Track (a `when` and a `gx:coord` for each point), and placemarks with a time stamp and a point.
 
 Coordinates are longitude, latitude in deg, altitude in m above mean sea level. An altitude counts where altitudeMode is
-absolute; elsewhere it is relative to the ground or ignored by viewers, and left out. Lines without times are drawings,
-no recordings. A file that is cut or damaged is read as far as it is whole.
+absolute, of a track or of the gx:MultiTrack around it; elsewhere it is relative to the ground or ignored by viewers,
+and left out. Lines without times are drawings, no recordings. A file that is cut or damaged is read as far as it is
+whole.
 
 References: OGC 07-147r2, KML 2.2; OGC 12-007r2, KML 2.3 (Track there without the prefix gx).
 """
@@ -20,7 +21,7 @@ import numpy as np
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
 from recon.parameters import NoParams
-from recon.rows import metrics
+from recon.rows import Metric, metrics
 from recon.schema import GNSS
 from recon.stages import Reader, Sniff
 from recon.tables import Streams, with_meta
@@ -39,14 +40,17 @@ class _Tracks:
 
     def __init__(self) -> None:
         self.points = Points(("lat", "lon", "height"))
-        self.count = self.drawn = self.unread = 0
+        self.count = self.drawn = self.unread = self.not_absolute = 0
         self._inside = self._absolute = self._view = False
+        self._tracks = self._all_absolute = False
         self._whens: list[str] = []
         self._coords: list[str] = []
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
         if name in ("Track", "Placemark"):
             self._begin(inside=name == "Track")
+        elif name == "MultiTrack":
+            self._tracks, self._all_absolute = True, False
         elif name in _VIEWS:
             self._view = True
 
@@ -57,6 +61,7 @@ class _Tracks:
             return
         elif name == "altitudeMode":
             self._absolute = text == "absolute"
+            self._all_absolute = self._all_absolute if self._inside else self._tracks and self._absolute
         elif name == "when":
             self._whens.append(text)
         elif name == "coord" and self._inside:
@@ -65,6 +70,8 @@ class _Tracks:
             places = text.split()
             self.drawn += len(places) > 1
             self._coords = places if len(places) == 1 else []
+        elif name == "MultiTrack":
+            self._tracks = self._all_absolute = False
         elif name in ("Track", "Placemark"):
             self.finish()
             self._begin(inside=False)
@@ -75,7 +82,7 @@ class _Tracks:
         return len(self._whens) == len(self._coords)
 
     def _begin(self, *, inside: bool) -> None:
-        self._inside, self._absolute = inside, False
+        self._inside, self._absolute = inside, inside and self._all_absolute
         self._whens, self._coords = [], []
 
     def finish(self) -> None:
@@ -85,6 +92,7 @@ class _Tracks:
                 continue
             lon, lat, height = _place(coord)
             self.unread += bool(np.isnan(lon + lat))
+            self.not_absolute += bool(np.isfinite(height)) and not self._absolute
             self.points.add(when, {"lat": lat, "lon": lon, "height": height if self._absolute else np.nan})
             self.count += 1
         self._whens, self._coords = [], []
@@ -113,6 +121,9 @@ def read(path: Path, params: NoParams) -> Streams:
         hint = "a recorded track is a gx:Track with a 'when' for each point: export it as that, or as GPX"
         raise ReadFailed(path, what, line=line or 1, hint=hint)
     gnss, learnt = fixes(path, tracks.points.columns(), tracks.count, line)
+    if tracks.not_absolute:
+        note = f"of {tracks.count} points: their altitudeMode is not absolute, so they are not above mean sea level"
+        learnt.append(Metric("heights_left_out", float(tracks.not_absolute), note=note))
     learnt += [*unread(tracks.unread), *damage(path, line, reason)]
     table = with_meta(gnss, clock="absolute", format="KML", time_scale="UTC", height_datum="mean_sea_level")
     return {"gnss": table, "metrics": metrics(learnt)}
@@ -131,7 +142,7 @@ def declare_readers() -> Iterable[Reader]:
         name="kml",
         summary="KML: gx:Track, and placemarks with a time stamp.",
         run=read,
-        version=3,
+        version=4,
         sniff=sniff,
         writes={"gnss": GNSS.only("lat", "lon", "height").possible()},
         references=("OGC 07-147r2, KML 2.2", "OGC 12-007r2, KML 2.3"),

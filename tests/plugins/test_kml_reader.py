@@ -63,6 +63,22 @@ def test_the_view_of_a_placemark_tells_neither_its_time_nor_its_height(tmp_path:
     assert "height" not in gnss.column_names
 
 
+def test_heights_of_several_tracks_count_as_what_is_around_them_says(tmp_path: Path) -> None:
+    """As apps write a recording with pauses; the last track is its own."""
+    tracks = "".join(
+        f"<gx:Track>{mode}<when>2020-01-01T00:00:0{second}Z</when><gx:coord>11 44 5{second}</gx:coord></gx:Track>"
+        for second, mode in enumerate(("", "", "<altitudeMode>clampToGround</altitudeMode>", ""))
+    )
+    together = f"<gx:MultiTrack><altitudeMode>absolute</altitudeMode><gx:interpolate>1</gx:interpolate>{tracks}"
+    alone = "<gx:Track><when>2020-01-01T00:00:09Z</when><gx:coord>11 44 59</gx:coord></gx:Track>"
+    places = f"<Placemark>{together}</gx:MultiTrack></Placemark><Placemark>{alone}</Placemark>"
+    streams = read(tmp_path, f'<kml xmlns:gx="http://www.google.com/kml/ext/2.2">{places}</kml>')
+    heights = vector(streams["gnss"], "height", gaps=True)
+    np.testing.assert_array_equal(heights, [50.0, 51.0, np.nan, 53.0, np.nan])
+    (row,) = [row for row in streams["metrics"].to_pylist() if row["name"] == "heights_left_out"]
+    assert (row["value"], row["note"].partition(":")[0]) == (2.0, "of 5 points")
+
+
 def test_times_and_places_that_alternate_are_paired(tmp_path: Path) -> None:
     pairs = "".join(f"<when>2025-10-08T10:00:0{n}Z</when><gx:coord>11 4{n} 0</gx:coord>" for n in range(4))
     gnss = read(tmp_path, f'<kml xmlns:gx="x"><Placemark><gx:Track>{pairs}</gx:Track></Placemark></kml>')["gnss"]
