@@ -1,11 +1,12 @@
 """How a vehicle was driven: g-g diagram, friction circle, smoothness, and harsh events for 100 km; whole and by trip.
 
     friction demand   sqrt(a_x^2 + a_y^2) / g, horizontal: what tyres must transmit at least on a level road
-    RPA               integral of v a+ over the way, m/s^2; v a+: 95 % of positive v a, m^2/s^3
+    RPA, v a+         sum of v a over that of v, 95th percentile of v a, where a > 0.1 m/s^2: of speeds each second
     jerk              root mean square of the rate of change of a_x and a_y
     per 100 km        count / way from 500 m on, limits of 95 % by Poisson: few events on a short way tell little
 
-Accelerations are those of `recon.handling`, low-passed, in the intermediate system of ISO 8855. The stream `gg` is the
+The others are of the accelerations of `recon.handling`, low-passed, in the intermediate system of ISO 8855. The EU's
+bounds of RPA and v a+ are for urban, rural and motorway speeds apart; here they are of all. The stream `gg` is the
 g-g diagram: seconds spent in each cell of acceleration along the way and to the left, for all (trip 0) and each trip.
 
 References
@@ -27,7 +28,8 @@ from recon import EVENTS, Analyzer, Array, Column, Metric, Params, Schema, Strea
 from recon.handling import NEED, Handling, handling_of
 from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.handling import (
-    GAINING,
+    each_second,
+    percentile_of_gains,
     poisson_limits,
     rate_of_change,
     relative_positive_acceleration,
@@ -47,6 +49,8 @@ COUNTED: Final = ("harsh_acceleration", "harsh_braking", "harsh_cornering", "spe
 _KM_100: Final = 100_000.0
 _LEAST_WAY_M: Final = 500.0
 """From a shorter way, one event makes a rate of hundreds."""
+_EACH_SECOND_HZ: Final = 0.9
+"""Hz; rows a second apart, by a clock that jitters."""
 
 
 class DrivingParams(Params):
@@ -54,7 +58,7 @@ class DrivingParams(Params):
 
     cutoff: float = quantity(2.0, "Hz", gt=0, doc="Of the low-pass filter of accelerations.")
     cell: float = quantity(0.05, "g", gt=0, doc="Width of a cell of the g-g diagram.")
-    moving: float = quantity(5.0, "km/h", ge=0, doc="Slower rows count for nothing but the way and the time.")
+    moving: float = quantity(5.0, "km/h", ge=0, doc="Slower rows count for the way, the time, RPA and v a+ alone.")
     friction_level: float = quantity(0.3, "g", gt=0, doc="Friction demand beyond which the time is told.")
 
 
@@ -81,7 +85,7 @@ def _some(whole: Handling, rows: NDArray[np.bool_]) -> Handling:
 
 
 def _metrics(part: Handling, events: pa.Table | None, scope: str, params: DrivingParams) -> Iterator[Metric]:
-    for row in (*_motion(part, params), *_friction(part, params), *_smoothness(part, params)):
+    for row in (*_motion(part, params), *_friction(part, params), *_smoothness(part, params), *_gains(part)):
         yield replace(row, note=f"{scope}; {row.note}" if row.note else scope)
     for row in _rates(part, events):
         yield replace(row, note=scope)
@@ -117,17 +121,25 @@ def _friction(part: Handling, params: DrivingParams) -> Iterator[Metric]:
 
 def _smoothness(part: Handling, params: DrivingParams) -> Iterator[Metric]:
     moving = part.speed >= params.moving
-    speed, along, weight = part.speed[moving], part.along[moving], part.weight_s[moving]
-    if not np.isfinite(along).any():
+    weight = part.weight_s[moving]
+    if not np.isfinite(part.along[moving]).any():
         return
     for name, values in (("along", part.along), ("left", part.left)):
         jerk = rate_of_change(part.t_ns, values, part.max_gap_s)[moving]
         yield Metric(f"jerk_{name}_rms", _rms(jerk, weight), "m/s^3", method=f"low-passed at {params.cutoff:g} Hz")
-    yield Metric("rpa", relative_positive_acceleration(speed, along, weight), "m/s^2", method="EU 2017/1151, IIIA, 7a")
-    gains = along > GAINING
-    value = weighted_quantile((speed * along)[gains], weight[gains], 0.95)
-    if np.isfinite(value):
-        yield Metric("va_pos_p95", value, "m^2/s^3", method="EU 2017/1151, IIIA, 7a", note="where a exceeds 0.1 m/s^2")
+
+
+def _gains(part: Handling) -> Iterator[Metric]:
+    """Of the speeds of every second, whatever the rate; none where rows are rarer."""
+    if part.rate < _EACH_SECOND_HZ:
+        return
+    speed, accel = each_second(part.t_ns, part.speed, np.isfinite(part.along), part.max_gap_s)
+    for name, value, unit in (
+        ("rpa", relative_positive_acceleration(speed, accel), "m/s^2"),
+        ("va_pos_p95", percentile_of_gains(speed, accel), "m^2/s^3"),
+    ):
+        if np.isfinite(value):
+            yield Metric(name, value, unit, method="EU 2017/1151, IIIA, 7a", note="where a exceeds 0.1 m/s^2")
 
 
 def _rms(values: Array, weight: Array) -> float:
@@ -171,7 +183,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="driving",
         summary="g-g diagram, friction circle, smoothness and harsh events for 100 km, whole and by trip.",
-        version=4,
+        version=5,
         params=DrivingParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},
         writes={"gg": GG},
