@@ -114,7 +114,11 @@ def test_a_time_outside_is_refused_with_the_span(moment: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "moment", [np.nan, np.inf, -1e300, "x", "", None, timedelta(seconds=1), np.datetime64("NaT", "ns"), {}, b"x"]
+    "moment",
+    [
+        *(np.nan, np.inf, -1e300, "x", "", None, np.datetime64("NaT", "ns"), {}, b"x"),
+        *(timedelta(seconds=1), np.timedelta64(1, "s"), np.timedelta64(5, "ns")),
+    ],
 )
 def test_what_is_no_time_is_refused_with_what_is_one(moment: object) -> None:
     for asked in (moment, [1.0, moment]):
