@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from recon.errors import NotEnoughData
 from recon.numerics.evaluation import GAP_STEPS
-from recon.numerics.handling import intermediate, rate_of_change, smoothed, to_local, weights_s
+from recon.numerics.handling import intermediate, rate_of_change, smoothed, steps_s, to_local, weights_s
 from recon.numerics.signals import median_rate
 from recon.schema import TRAJECTORY, Need
 from recon.tables import Array, has, matrix, time_ns
@@ -56,7 +56,8 @@ class Handling:
     @property
     def distance(self) -> Array:
         """Way since the first row, m: (n,)."""
-        return np.asarray(np.cumsum(self.speed * self.weight_s))
+        mean = 0.5 * (self.speed[1:] + self.speed[:-1])
+        return np.append(0.0, np.cumsum(mean * steps_s(self.t_ns, self.max_gap_s)))
 
 
 def handling_of(trajectory: pa.Table, cutoff_hz: float | None, crashes: Iterable[tuple[int, int]] = ()) -> Handling:

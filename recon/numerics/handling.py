@@ -73,10 +73,15 @@ def pieces(t_ns: NDArray[np.int64], max_gap_s: float) -> NDArray[np.intp]:
     return np.column_stack([edges[:-1], edges[1:]]) if len(t_ns) else np.zeros((0, 2), dtype=np.intp)
 
 
+def steps_s(t_ns: NDArray[np.int64], max_gap_s: float) -> Floats:
+    """From each row to the next, s, nought across gaps: (n - 1,)."""
+    steps = np.diff(t_ns) * 1e-9
+    return np.asarray(np.where(steps > max_gap_s, 0.0, steps))
+
+
 def weights_s(t_ns: NDArray[np.int64], max_gap_s: float) -> Floats:
     """The time that each row stands for, s: half of the steps to its neighbours, none across gaps. (n,)"""
-    steps = np.diff(t_ns) * 1e-9
-    steps[steps > max_gap_s] = 0.0
+    steps = steps_s(t_ns, max_gap_s)
     return np.asarray(0.5 * (np.append(0.0, steps) + np.append(steps, 0.0)))
 
 

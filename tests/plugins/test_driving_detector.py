@@ -137,6 +137,15 @@ def test_a_long_stop_ends_a_trip_and_a_short_one_does_not():
     assert trips(90.0) == pytest.approx([way] * 2, rel=0.01)
 
 
+@pytest.mark.parametrize("every", [1, 100])
+def test_a_trip_is_as_long_as_its_way_also_where_it_begins_at_speed(every):
+    """From 30 m/s on the brake at 0.5 m/s^2 for 50 s: (30^2 - 5^2) / 2 / 0.5 = 875 m, and 10 s at 5 m/s."""
+    accel = np.zeros((6001, 3))
+    accel[:5000, 0] = -0.5
+    (trip,) = events(trajectory_of(accel, np.zeros(6001), 30.0).take(np.arange(0, 6001, every)))
+    assert trip["value"] == pytest.approx(875.0 + 50.0, abs=0.1)
+
+
 def test_a_gap_of_the_log_ends_a_trip_and_hides_no_event():
     whole = gentle()
     t_s = (time_ns(whole) - START_NS) * 1e-9
