@@ -1,6 +1,7 @@
 """NMEA 0183 logs: GNSS from RMC, GGA, GST, VTG, ZDA, GNS, GLL and GSA.
 
-Sentences of one time of day make one row; VTG and GSA, which have no time, belong to the sentence before them. The
+Sentences of one time of day make one row; VTG and GSA, which have no time, belong to the sentence before them. Some
+receivers begin with VTG: where nothing else tells the speed and the places say so, it belongs to the one behind it. The
 date comes from RMC or ZDA, counts on where times of day fall by more than half a day, and reaches back to the first
 sentences; those of 1980, with which clocks begin before the first fix, do not count where others follow. Without a date
 the times count from midnight. Where two sentences tell the same, RMC goes before VTG, GGA before GNS before RMC before
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
+from recon.numerics.geodesy import WGS84
 from recon.numerics.gnss_time import DAY_NS, WEEK_NS
 from recon.parameters import Params, setting
 from recon.rows import Metric, metrics, warning
@@ -54,6 +56,11 @@ FROM: Final[Mapping[str, tuple[str, ...]]] = {
 """By value the sentences that tell it, the best first."""
 OLDEST_DAY: Final = 12_784
 """2005-01-01; dates before are rather those of a receiver whose week number has rolled over."""
+SLOW_NS: Final = 400_000_000
+LARGEST_STEP: Final = 20.0
+"""m/s; more between two rows, or between two ways to tell a speed, is damage."""
+ENOUGH: Final = 10.0
+"""(m/s)^2; sum of the squares of the steps of the speed from which on they tell to which rows it belongs."""
 UNSET_DAYS: Final = (3_656, 4_018)
 """From 1980-01-05 to the end of that year: where later dates follow, the clock of the receiver was not set yet."""
 
@@ -72,6 +79,12 @@ def read(path: Path, params: NmeaParams) -> Streams:
         raise ReadFailed(path, "no sentence of NMEA 0183 has a right checksum", line=1, hint=COPIED)
     t_ns, missing, facts, learnt = _times(rows.pop("clock_ns"), rows.pop("day"), params)
     learnt += _separation(rows)
+    if not counts.used["RMC"] and _comes_first(rows, t_ns):
+        for name in ("speed", "course"):
+            rows[name] = np.concatenate([[np.nan], rows[name][:-1]])
+        learnt.append(
+            Metric("order", method="VTG", note="it comes before the other sentences of its time, as places tell")
+        )
     gnss, told = stream(Source(path, "gnss"), GNSS, t_ns, missing, _groups(rows))
     if gnss is None:
         raise ReadFailed(path, f"none of its sentences holds a position: {_about(counts)}", line=1, hint=_NO_FIX)
@@ -150,6 +163,24 @@ def _times(clock_ns: Times, days: Times, params: NmeaParams) -> tuple[Times, Mas
     return t_ns, missing, {"clock": "absolute"}, learnt
 
 
+def _comes_first(rows: Columns, t_ns: Times) -> bool:
+    """Are the speeds of VTG those of the next rows?
+
+    They differ from those between the places by as many of their own steps as they are early. Receivers filter places
+    and speeds differently, by parts of a second, so that only rows as far apart tell.
+    """
+    if not {"lat", "lon", "speed"} <= rows.keys() or len(t_ns) < 3:
+        return False
+    usual_ns = int(np.median(np.diff(t_ns)))
+    lat, lon, speed = np.radians(rows["lat"]), np.radians(rows["lon"]), rows["speed"]
+    way = WGS84.a * np.hypot(lat[2:] - lat[:-2], (lon[2:] - lon[:-2]) * np.cos(lat[1:-1]))
+    early, step = speed[1:-1] - way / (2e-9 * max(usual_ns, 1)), 0.5 * (speed[2:] - speed[:-2])
+    with np.errstate(invalid="ignore"):
+        good = (np.abs(early) < LARGEST_STEP) & (np.abs(step) < LARGEST_STEP) & (t_ns[2:] - t_ns[:-2] == 2 * usual_ns)
+    much = float(np.sum(step[good] ** 2))
+    return usual_ns >= SLOW_NS and much > ENOUGH and 0.5 < float(np.sum((early * step)[good])) / much < 1.5
+
+
 def _groups(rows: Columns) -> dict[str, Array]:
     """The columns of the stream, taken out of the rows."""
     quality = rows.pop("quality", None)
@@ -193,7 +224,7 @@ def declare_readers() -> Iterable[Reader]:
         summary="NMEA 0183 logs: GNSS of RMC, GGA, GST, VTG, ZDA, GNS, GLL and GSA.",
         params=NmeaParams,
         run=read,
-        version=2,
+        version=3,
         sniff=sniff,
         writes={
             "gnss": GNSS.only("lat", "lon", "height", "speed", "course", "pos_std", "fix", "satellites").possible(),

@@ -108,6 +108,27 @@ def test_sentences_of_one_system_beside_the_combined_one_take_no_fix_away(tmp_pa
     assert (row["fix"], row["satellites"], row["height"]) == (3, 13, 25.63)
 
 
+@pytest.mark.parametrize("order", ["VTG GGA ZDA", "GGA VTG ZDA", "GGA ZDA VTG"])
+def test_a_speed_belongs_to_its_time_wherever_its_sentence_stands(tmp_path: Path, order: str) -> None:
+    """u-blox writes VTG before GGA; nothing but the places tells it from one that writes VTG last."""
+    rng, seconds = np.random.default_rng(5), np.arange(60)
+    speed = 10.0 + 6.0 * np.sin(seconds / 5.0)  # m/s, to the north
+    north = 10.0 * seconds - 30.0 * np.cos(seconds / 5.0) + rng.normal(0.0, 0.3, 60)
+    minutes, lines = 30.0 + north / 1852.0, []
+    for at in range(60):
+        made = {
+            "GGA": f"GNGGA,1000{at:02d}.00,44{minutes[at]:09.6f},N,01120.0,E,1,08,1.0,45.5,M,44.0,M,,",
+            "VTG": f"GNVTG,0.0,T,,M,{speed[at] * 3600 / 1852:.4f},N,,K,A",
+            "ZDA": f"GNZDA,1000{at:02d}.00,08,10,2025,00,00",
+        }
+        lines += [log_files.sentence(made[kind]) for kind in order.split()]
+    streams = read(tmp_path, *lines)
+    told_speed = vector(streams["gnss"], "speed", gaps=True)
+    first = 1 if order.startswith("VTG") else 0
+    np.testing.assert_allclose(told_speed[first:], speed[first:], rtol=0, atol=1e-4)
+    assert np.isnan(told_speed[:first]).all()
+
+
 def test_a_rolled_over_week_is_suspected_and_put_right(tmp_path: Path) -> None:
     early = rmc("100000.00", "220206")  # 2025-10-08 less 1024 weeks
     assert time_ns(read(tmp_path, early, rollovers=1)["gnss"])[0] == np.datetime64("2025-10-08T10:00", "ns").astype(int)
