@@ -14,7 +14,7 @@ from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, Noise
 from recon.numerics.smoothing.silences import jolts
-from recon.numerics.smoothing.state import ACCEL_SCALE, GYRO_SCALE, REAR
+from recon.numerics.smoothing.state import ACCEL_SCALE, CLOCK, GYRO_SCALE, REAR
 
 _REJECTED: Final = 0.2
 """Share of fixes put aside, beyond which the rest is in doubt, too."""
@@ -34,6 +34,8 @@ _SLIDING: Final = 0.1
 """m/s across the track of the wheels, mean of a second: cars show 0.01 to 0.05, a box that turns in its mount more."""
 _SLIDING_MOST: Final = 0.29
 """m/s; the most that is learnt are 0.3, and what the wheels tell is then hardly heard."""
+_APART: Final = (3.0, 0.05)
+"""Sigmas of the drift of clocks, and s in the whole drive, beyond which it is more than a clock's."""
 _JOLT: Final = 6.0
 """Sigmas of what driving does in a silence of the IMU: of a thousand in simulated drives none came to more than 5."""
 _STEEP: Final = np.radians(6.0)
@@ -68,7 +70,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
     notes += [*_misfit_of_imu(solved.noise, expected), *_scales(found)]
-    notes += [*_spun(found), *_jolted(found)]
+    notes += [*_apart(found), *_spun(found), *_jolted(found)]
     sideways = solved.noise.sideways
     if found.smoother.model.wheels and sideways > _SLIDING:
         verdict = "do not trust" if sideways > _SLIDING_MOST else "take care of"
@@ -90,6 +92,18 @@ def _spun(found: Estimate) -> list[str]:
         f"{spin.end_s - spin.start_s:.2f} s: it may have turned {np.degrees(2.0 * spin.turn):.0f} deg further, and the "
         "heading behind it is only known as far as motion on wheels tells it"
         for spin in spins
+    ]
+
+
+def _apart(found: Estimate) -> list[str]:
+    """Do the clocks run apart by more than clocks do?"""
+    drift, usual = float(found.solved.state.common[CLOCK]), found.smoother.model.clock
+    lasts_s = float(np.ptp(found.smoother.drive.samples.knot_times))
+    if abs(drift) <= _APART[0] * usual or abs(drift) * lasts_s <= _APART[1]:
+        return []
+    return [
+        f"the clocks of IMU and GNSS run apart by {abs(drift) * lasts_s:.2f} s in {lasts_s:.0f} s, "
+        f"{1e6 * abs(drift):.0f} ppm, where {1e6 * usual:.0f} are usual: take care; does one of them jump? {_ASK}"
     ]
 
 

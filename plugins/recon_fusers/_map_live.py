@@ -20,7 +20,7 @@ from recon.aiding import AidTrust, aids_of
 from recon.driving import drive_of, measured, solve
 from recon.fixes import Observed, about, observe
 from recon.numerics.geodesy import Anchor
-from recon.numerics.smoothing import Drive, Estimate, Noise, Smoother, sigmas
+from recon.numerics.smoothing import Drive, Estimate, Model, Noise, Smoother, sigmas
 from recon.numerics.smoothing.arrival import Arrival
 from recon.numerics.smoothing.estimate import knots_of, part_of, with_covariances, with_stops_in_silence
 from recon.numerics.smoothing.noise import likely_noise
@@ -124,6 +124,10 @@ class LiveMap:
         self.awaits = f"a new start after a pause of {duration_text(pause_ns * 1e-9)}"
         return told
 
+    def _model(self) -> Model:
+        """Of a window: no clock runs away in so few minutes, and later ones have a delay of their own."""
+        return replace(model_of(self.params, None, self.streams.get("baro")), clock=0.0)
+
     def _told(self, lag: float) -> Streams:
         """What is known `lag` s before the last row, and of the last row."""
         if not {"imu", "gnss"} <= self.streams.keys():
@@ -176,9 +180,7 @@ class LiveMap:
         learn = self.noise is None or length_s >= self.learn_at_s
         drive, observed, _ = self._window(3)
         noise = noise_of(self.params, observed) if self.noise is None else self.noise
-        found = solve(
-            drive, model_of(self.params, None, self.streams.get("baro")), noise, learn and self.params.estimate_noise
-        )
+        found = solve(drive, self._model(), noise, learn and self.params.estimate_noise)
         if sigmas(found)[8, -1] > _HEADING:
             self.try_at_ns = int(at[-1]) + round(_AGAIN_S * 1e9)
             sigma = np.degrees(sigmas(found)[8, -1])
@@ -191,7 +193,7 @@ class LiveMap:
 
     def _go_on(self, held: _Held) -> tuple[Estimate | None, Observed | None]:
         drive, observed, start_ns = self._window(0)
-        smoother = Smoother(drive, model_of(self.params, None, self.streams.get("baro")), held.arrival)
+        smoother = Smoother(drive, self._model(), held.arrival)
         knots_ns = start_ns + np.rint(drive.samples.knot_times * 1e9).astype(np.int64)
         state = held.arrival.state
         if self.guess is not None:

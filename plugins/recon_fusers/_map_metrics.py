@@ -16,6 +16,7 @@ from recon.numerics.smoothing.state import (
     BARO,
     CAMERA,
     CAMERA_LEVER,
+    CLOCK,
     GYRO_BIAS,
     GYRO_SCALE,
     LAG,
@@ -36,6 +37,7 @@ _OF_SENSOR: Final = (
 )  # fmt: skip
 _OF_VEHICLE: Final = (
     ("gnss_delay", LAG, "s", -1.0), ("gnss_velocity_delay", VELOCITY_LAG, "s", -1.0),
+    ("gnss_clock_drift", CLOCK, "ppm", -1e6),
     ("side_slip_per_acceleration", SLIP, "s^2/m", 1.0), ("pitch_per_acceleration", PITCH, "s^2/m", 1.0),
     ("roll_per_acceleration", ROLL, "s^2/m", 1.0), ("wheel_speed_scale", WHEEL, "1", 1.0),
 )  # fmt: skip
@@ -76,7 +78,8 @@ def _vehicle(found: Estimate, deviation: Array) -> list[Metric]:
         if deviation[index] > 0.0 and (index != WHEEL or len(found.smoother.drive.wheel_t_s)):
             value = common[index] + (solved.moved_lag if index == LAG else 0.0)
             note = _LEANS if index == ROLL and found.smoother.model.lean else ""
-            rows.append(Metric(name, factor * float(value), unit, float(deviation[index]), method=_HOW, note=note))
+            sigma = abs(factor) * float(deviation[index])
+            rows.append(Metric(name, factor * float(value), unit, sigma, method=_HOW, note=note))
     if deviation[BARO] > 0.0:
         scale, note = 1.0 + float(common[BARO]), "of the standard atmosphere's climbs"
         rows.append(Metric("baro_scale", scale, "1", float(deviation[BARO]), method=_HOW, note=note))

@@ -15,7 +15,7 @@ from recon.fixes import Observed
 from recon.numerics.signals import runs
 from recon.numerics.smoothing import Estimate, between_knots, full_rate, geodetic, sigmas
 from recon.numerics.smoothing.soa import matrix_to_quat
-from recon.numerics.smoothing.state import ACCEL_SCALE, DRIFT, GYRO_SCALE, LAG, LEVER, MOUNT, POSITION, VELOCITY
+from recon.numerics.smoothing.state import ACCEL_SCALE, CLOCK, DRIFT, GYRO_SCALE, LAG, LEVER, MOUNT, POSITION, VELOCITY
 
 _STANDARD_FACTS: Final = ("time_scale", "clock")
 _VELOCITIES: Final = {
@@ -170,10 +170,12 @@ def _explained_position(found: Estimate) -> Array:
 
     Position, slow error, antenna and delay make up one for the other, so that their sum is known far better than each:
 
-        y = pos + drift + rot_ns lever + vel lag
+        y = pos + drift + rot_ns lever + vel (lag + clock since the middle)
     """
-    state, common = found.solved.state, np.r_[LEVER, LAG]
-    by_common = np.concatenate([state.rot_ns.transpose(2, 0, 1), state.vel_n.T[:, :, None]], axis=2)
+    state, common, smoother = found.solved.state, np.r_[LEVER, LAG, CLOCK], found.smoother
+    moves = state.vel_n.T[:, :, None]
+    since_s = (smoother.drive.samples.knot_times - smoother.epochs.middle_s)[:, None, None]
+    by_common = np.concatenate([state.rot_ns.transpose(2, 0, 1), moves, moves * since_s], axis=2)
     own = sum(found.covariance[:, a, b] for a in (DRIFT, POSITION) for b in (DRIFT, POSITION))
     cross = (found.cross[:, DRIFT] + found.cross[:, POSITION])[..., common]
     shared = by_common @ found.covariance_common[np.ix_(common, common)]

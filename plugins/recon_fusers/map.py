@@ -109,6 +109,9 @@ class MapParams(Params):
     rear_axle_sigma: float = quantity(0.1, "m", gt=0, doc="How well the rear axle is known, where it is given.")
     gnss_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the delay of positions; 0 ms where stamps are right.")
     gnss_velocity_delay: float = quantity(100.0, "ms", ge=0, doc="Sigma of the further delay of velocities.")
+    gnss_clock_drift: float = quantity(
+        50.0, "ppm", ge=0, doc="Sigma of how fast the clocks of IMU and GNSS run apart; 0 ppm where both have one."
+    )
     impact_error: float = quantity(
         1.0, "%", gt=0, doc="In events of kind crash: share of the change of velocity that the IMU may miss."
     )
@@ -269,6 +272,7 @@ def model_of(
         baro=SCALE_SIGMA if baro is not None and baro.num_rows > 1 else 0.0,
         lag=params.gnss_delay,
         velocity_lag=params.gnss_velocity_delay,
+        clock=params.gnss_clock_drift,
         wheels=params.wheels,
         **known,  # type: ignore[arg-type]
     )
@@ -309,7 +313,7 @@ def declare_fusers() -> Iterable[Fuser]:
     yield Fuser(
         name="map",
         summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
-        version=11,
+        version=12,
         params=MapParams,
         reads={
             "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),

@@ -31,8 +31,8 @@ _LEAST: Final = 1e-9
 class Arrival:
     """The state at the first knot of what follows, and how well it is known.
 
-    state : of one knot; information : (46, 46), the knot's unknowns and then what is common
-    free : (28,) which of the common unknowns are; moved_lag : s, as in solved.Solved
+    state : of one knot; information : (47, 47), the knot's unknowns and then what is common
+    free : (29,) which of the common unknowns are; moved_lag : s, as in solved.Solved
     """
 
     state: State
@@ -44,7 +44,7 @@ class Arrival:
     def of(
         cls, state: State, covariance: Floats, cross: Floats, common: Floats, free: NDArray[np.bool_], moved_lag: float
     ) -> Arrival:
-        """From the marginal covariances (18, 18), (18, 28), (28, 28) of a solution at its last knot."""
+        """From the marginal covariances (18, 18), (18, 29), (29, 29) of a solution at its last knot."""
         joint = np.block([[covariance, cross], [cross.T, common]])
         used = np.concatenate([np.ones(KNOT_SIZE, bool), free])
         sigma = np.sqrt(np.diag(joint)[used])

@@ -56,7 +56,7 @@ class Epochs:
     seconds : (E,) s of the drive that an epoch stands for, 1 at most
     gyro_s, accel_s : (3, E) as logged, mean of about 0.1 s around
     calm : as logged, against the second around
-    slots : S
+    slots : S; middle_s : s, of the drive
     """
 
     t_s: Floats
@@ -68,6 +68,12 @@ class Epochs:
     accel_s: Floats
     calm: Calm
     slots: int
+    middle_s: float = 0.0
+
+    @property
+    def since_s(self) -> Floats:
+        """Times since the middle of the drive: (E,) s."""
+        return self.t_s - self.middle_s
 
 
 @dataclass(frozen=True)
@@ -148,6 +154,7 @@ def place_epochs(samples: Samples, blocks: Blocks, fix_t_s: Floats) -> Epochs:
         accel_s=_near(blocks, blocks.accel, times),
         calm=Calm.around(blocks, times),
         slots=slots,
+        middle_s=0.5 * float(knots[0] + knots[-1]),
     )
 
 

@@ -29,6 +29,7 @@ from recon.numerics.smoothing.measurements import (
     add_measured,
     at_epochs,
     body_rows,
+    lag_at,
     position_rows,
     velocity_rows,
 )
@@ -39,7 +40,7 @@ from recon.numerics.smoothing.priors import Datum, add_priors, free_of
 from recon.numerics.smoothing.robust import Loss, Sharpness, kept_together, robust_weights
 from recon.numerics.smoothing.soa import Floats
 from recon.numerics.smoothing.solved import Integrated, Linearised, Parts, Solved
-from recon.numerics.smoothing.state import ACCEL_BIAS, GYRO_BIAS, LAG, State
+from recon.numerics.smoothing.state import ACCEL_BIAS, GYRO_BIAS, State
 
 _SETTLING: Final = 6
 """Steps after which an epoch that moves keeps the constraint of the wheels: one near walking pace may otherwise lose it
@@ -50,7 +51,7 @@ and win it back from step to step for ever.
 class Equations(Prepared):
     """A drive with its factors, and memory for their sum: `normal`, which `linearise` fills.
 
-    free : (21,) which of the common unknowns are estimated; datum : what the mounting and the levers are held by
+    free : (29,) which of the common unknowns are estimated; datum : what the mounting and the levers are held by
     """
 
     def __init__(self, drive: Drive, model: Model, arrival: Arrival | None = None, moved_lag: float | None = None):
@@ -92,7 +93,7 @@ class Equations(Prepared):
             position.weighted(weights[0]),
             velocity.weighted(weights[1]),
             body if self.model.wheels else None,
-            float(state.common[LAG]),
+            lag_at(state, self.epochs),
         )
         return Linearised(position, velocity, weights, sharpness)
 
@@ -160,7 +161,7 @@ class Equations(Prepared):
         position, velocity, body = self._rows(state, ends, inside, solved.noise, robust=True)
         tall = inertial_jacobian(state, increments, gravity, self.earth_rate_n)
         self._assemble(state, solved.noise, gravity, 4)
-        lag = float(state.common[LAG])
+        lag = lag_at(state, self.epochs)
         guessed = self.drive.fixes.small_only[self.epochs.fix] * solved.vel_weight
         add_measured(
             self.normal,

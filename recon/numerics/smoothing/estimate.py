@@ -28,7 +28,17 @@ from recon.numerics.smoothing.smoother import Smoother
 from recon.numerics.smoothing.soa import Floats, mm, mmt, mtv
 from recon.numerics.smoothing.solved import Solved
 from recon.numerics.smoothing.start import start_state
-from recon.numerics.smoothing.state import COMMON_SIZE, KNOT_SIZE, MOUNT, POSITION, ROTATION, VELOCITY, State
+from recon.numerics.smoothing.state import (
+    CLOCK,
+    COMMON_SIZE,
+    KNOT_SIZE,
+    LAG,
+    MOUNT,
+    POSITION,
+    ROTATION,
+    VELOCITY,
+    State,
+)
 from recon.numerics.smoothing.stops import SLOW, Mask
 
 NOISE_FROM_S: Final = 1200.0
@@ -173,8 +183,13 @@ def _learnt(smoother: Smoother, start: State, noise: Noise) -> tuple[Noise, Stat
         before, noise, state = noise, likely_noise(part, solved, smoother.still_noise), solved.state
         if not _grown(before, noise):
             break
-    smoother.moved_lag, smoother.model = part.moved_lag, part.model
-    return noise, state if whole else replace(start, rot_vs=state.rot_vs, common=state.common), whole
+    if whole:
+        return noise, state, True
+    smoother.model = part.model
+    smoother.move_stamps(part.moved_lag - smoother.moved_lag)
+    later = state.common[CLOCK] * (smoother.epochs.middle_s - part.epochs.middle_s)
+    state = state.with_common(LAG, state.common[LAG] + later)
+    return noise, replace(start, rot_vs=state.rot_vs, common=state.common), False
 
 
 def _found_leaning(smoother: Smoother, solved: Solved) -> bool:

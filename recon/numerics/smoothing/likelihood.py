@@ -52,8 +52,8 @@ are put aside, as half a Cauchy weight does: P(chi^2_k+2 < 9) / P(chi^2_k < 9).
 class Moments:
     """Second moments of the step about the linearisation: x x^T + covariance.
 
-    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (28, N, 18); both_common : (28, 28)
-    step : (N, 18), step_common : (28,)
+    own : (N, 18, 18); next : (N-1, 18, 18) of knots k and k+1; common : (29, N, 18); both_common : (29, 29)
+    step : (N, 18), step_common : (29,)
     """
 
     own: Floats

@@ -2,6 +2,7 @@
 
     position   p + R l + c + v d                              - z_p        d = LAG, l = LEVER, c = DRIFT
     velocity   T (v + R (w x l) + (R f + g) (d + d_v))        - z_v        T axes of what the receiver reports
+                                                                           d grows by CLOCK times the time
     body       u = M (R^T v + w x r):  u_y - k_s a_y u_x,  u_z - k_p a_x u_x,  u_x - (1 + s) wheel speed
 
 The body's rows say that a rear axle (at r) moves along its wheels' track: sideways and upwards nothing but slip, which
@@ -27,14 +28,14 @@ from numpy.typing import NDArray
 from recon.numerics.smoothing.epochs import Epochs, Inside, Misclosure, state_at
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import Floats, cross, mm, mtv, mv, skew
-from recon.numerics.smoothing.state import LAG, LEVER, MOUNT, PITCH, REAR, SLIP, VELOCITY_LAG, WHEEL, State
+from recon.numerics.smoothing.state import CLOCK, LAG, LEVER, MOUNT, PITCH, REAR, SLIP, VELOCITY_LAG, WHEEL, State
 
 SEEN: Final = slice(0, 12)
 """Drift, rotation, velocity and position of both knots."""
-COMMON: Final = slice(1, 15)
+COMMON: Final = slice(1, 16)
 """Mounting to wheel scale."""
 _ROWS: Final = 9
-_COLUMNS: Final = 39
+_COLUMNS: Final = 40
 _BODY_C2: Final = 9.0
 _MOVING: Final = 1.0
 """m/s above which wheels tell the direction of motion."""
@@ -90,7 +91,7 @@ class Measured:
     """Rows of one kind at the epochs: weighted residuals and the parts of their Jacobians.
 
     residual : (3, E); turn : (3, 3, E) to the rotation at the epoch; along : (3, 3, E) to the position or the velocity
-    there; common : (3, 15, E)
+    there; common : (3, 16, E)
     """
 
     residual: Floats
@@ -135,15 +136,21 @@ def at_epochs(state: State, ends: Misclosure, epochs: Epochs, inside: Inside) ->
     )
 
 
+def lag_at(state: State, epochs: Epochs) -> Floats:
+    """What a fix at each epoch is later than its stamp: (E,) s."""
+    return np.asarray(state.common[LAG] + state.common[CLOCK] * epochs.since_s)
+
+
 def position_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs, bridge: Floats) -> Measured:
     """Of the fixes' positions, weighted by their sigma. bridge : (3, E) m^2, variance of the drift between knots."""
     lever = _lever(state, fixes, epochs)
     arm = mv(here.rot, lever)
     weight = _own(1.0 / np.sqrt(fixes.pos_sigma[:, epochs.fix] ** 2 + bridge), fixes, epochs)
-    error = here.pos + arm + here.drift + here.vel * state.common[LAG] - fixes.pos_n[:, epochs.fix]
+    error = here.pos + arm + here.drift + here.vel * lag_at(state, epochs) - fixes.pos_n[:, epochs.fix]
     common = np.zeros((3, COMMON.stop, len(epochs.t_s)))
     common[:, LEVER] = here.rot * weight[:, None]
     common[:, LAG] = here.vel * weight
+    common[:, CLOCK] = common[:, LAG] * epochs.since_s
     along = np.zeros_like(here.rot)
     along[range(3), range(3)] = weight
     return Measured(error * weight, -skew(arm) * weight[:, None], along, common)
@@ -159,10 +166,11 @@ def velocity_rows(here: AtEpochs, state: State, fixes: Fixes, epochs: Epochs) ->
     if unknown.any():
         rows[:, :, unknown] = _along(here.vel[:, unknown])
     rows = rows * weight[:, None]
-    total = here.vel + swing + here.force_n * (state.common[LAG] + state.common[VELOCITY_LAG])
+    total = here.vel + swing + here.force_n * (lag_at(state, epochs) + state.common[VELOCITY_LAG])
     common = np.zeros((3, COMMON.stop, len(epochs.t_s)))
     common[:, LEVER] = mm(rows, mm(here.rot, skew(here.rate)))
     common[:, LAG] = common[:, VELOCITY_LAG] = mv(rows, here.force_n)
+    common[:, CLOCK] = common[:, LAG] * epochs.since_s
     error = mv(rows, total) - fixes.vel[:, epochs.fix] * weight
     return Measured(error, -mm(rows, skew(swing)), rows, common)
 
@@ -258,9 +266,9 @@ def add_measured(
     position: Measured | None,
     velocity: Measured | None,
     body: Measured | None,
-    lag: float,
+    lag: Floats,
 ) -> None:
-    """Add the rows of all epochs, those of an interval together. A kind that is None is left out."""
+    """Add the rows of all epochs, those of an interval together. A kind that is None is left out. lag : (E,) s"""
     kinds = [
         (rows, measured, drift, inside.value + lag * inside.slope if drift else inside.slope)
         for rows, measured, drift in (
@@ -290,5 +298,5 @@ def _fill(rows: Floats, measured: Measured, drift: bool, u: Floats, hermite: Flo
         rows[:, :, first + 3 : first + 6] = (turn * share).transpose(2, 0, 1)
         rows[:, :, first + 6 : first + 9] = (along * vel).transpose(2, 0, 1)
         rows[:, :, first + 9 : first + 12] = (along * pos).transpose(2, 0, 1)
-    rows[:, :, 24:38] = measured.common[:, COMMON, part].transpose(2, 0, 1)
-    rows[:, :, 38] = -measured.residual[:, part].T
+    rows[:, :, 24:39] = measured.common[:, COMMON, part].transpose(2, 0, 1)
+    rows[:, :, 39] = -measured.residual[:, part].T

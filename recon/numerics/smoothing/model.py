@@ -48,7 +48,7 @@ class Model:
     camera : rad, sigma of the axes of a camera, 0 where there is none; camera_lever : (3,) m, sensor, mean;
         camera_lever_sigma : m
     baro : 1, sigma of the scale of a barometer's climbs, 0 where there is none
-    lag, velocity_lag s; slip, pitch, roll s^2/m; wheel 1 : sigmas
+    lag, velocity_lag s; clock 1; slip, pitch, roll s^2/m; wheel 1 : sigmas
     lean : s^2/m, roll per lateral acceleration about which the sigma `roll` holds it
     wheels : does it roll on wheels, so that it moves forward only
     slip_growth : growth of the sigma of motion across with slip
@@ -74,6 +74,7 @@ class Model:
     baro: float = 0.0
     lag: float = 0.1
     velocity_lag: float = 0.1
+    clock: float = 5e-5
     slip: float = 0.01
     pitch: float = 0.01
     roll: float = 0.01

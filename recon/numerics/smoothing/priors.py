@@ -21,6 +21,7 @@ from recon.numerics.smoothing.state import (
     BARO,
     CAMERA,
     CAMERA_LEVER,
+    CLOCK,
     COMMON_SIZE,
     GYRO_SCALE,
     LAG,
@@ -79,7 +80,7 @@ class Datum:
 
 
 def free_of(model: Model) -> Mask:
-    """Which of the common unknowns are estimated, not fixed: (28,)."""
+    """Which of the common unknowns are estimated, not fixed: (29,)."""
     return _sigmas(model) > 0.0
 
 
@@ -103,10 +104,11 @@ def add_priors(normal: Normal, state: State, model: Model, datum: Datum, moved_l
 
 
 def _sigmas(model: Model) -> Floats:
-    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (28,)."""
+    """Of the common unknowns, zero where they are fixed; those of the levers stand apart: (29,)."""
     sigma = np.ones(COMMON_SIZE)
     sigma[MOUNT] = model.mounting_sigma
-    sigma[LAG], sigma[VELOCITY_LAG], sigma[WHEEL] = model.lag, model.velocity_lag, model.wheel
+    sigma[LAG], sigma[VELOCITY_LAG], sigma[CLOCK] = model.lag, model.velocity_lag, model.clock
+    sigma[WHEEL] = model.wheel
     sigma[SLIP], sigma[PITCH], sigma[ROLL] = model.slip, model.pitch, model.roll
     sigma[BARO] = model.baro
     sigma[CAMERA], sigma[CAMERA_LEVER] = model.camera, model.camera_lever_sigma

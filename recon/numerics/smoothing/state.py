@@ -15,6 +15,7 @@
 | LEVER, REAR        | m       | from the IMU to the antenna, to the rear axle; sensor                      |
 | LAG                | s       | a position stamped t is that of the time t + LAG                           |
 | VELOCITY_LAG       | s       | a velocity stamped t is that of the time t + LAG + VELOCITY_LAG            |
+| CLOCK              | 1       | both grow by so much a second: LAG is that of the middle of the drive      |
 | SLIP, PITCH        | s^2/m   | side-slip per lateral, pitch per longitudinal acceleration (compliance)    |
 | WHEEL              | 1       | the wheels report (1 + WHEEL) times less than the truth                    |
 | GYRO_SCALE, ACCEL_SCALE | 1  | scale errors of each axis                                                  |
@@ -48,16 +49,17 @@ LEVER: Final = slice(4, 7)
 REAR: Final = slice(7, 10)
 LAG: Final = 10
 VELOCITY_LAG: Final = 11
-SLIP: Final = 12
-PITCH: Final = 13
-WHEEL: Final = 14
-GYRO_SCALE: Final = slice(15, 18)
-ACCEL_SCALE: Final = slice(18, 21)
-CAMERA: Final = slice(21, 24)
-CAMERA_LEVER: Final = slice(24, 27)
-BARO: Final = 27
-COMMON_SIZE: Final = 28
-SCALES: Final = slice(15, 21)
+CLOCK: Final = 12
+SLIP: Final = 13
+PITCH: Final = 14
+WHEEL: Final = 15
+GYRO_SCALE: Final = slice(16, 19)
+ACCEL_SCALE: Final = slice(19, 22)
+CAMERA: Final = slice(22, 25)
+CAMERA_LEVER: Final = slice(25, 28)
+BARO: Final = 28
+COMMON_SIZE: Final = 29
+SCALES: Final = slice(16, 22)
 
 LARGEST_TURN: Final = 0.7
 """rad; a step of the solver that turns any knot by more is shortened, for the model is linear only nearby."""
@@ -67,7 +69,7 @@ LARGEST_TURN: Final = 0.7
 class State:
     """One value of all unknowns; arrays as in the module's tables, knots last: (3, N), rot_ns (3, 3, N).
 
-    common : (28,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
+    common : (29,); its MOUNT part stays zero, for rot_vs (3, 3) carries the mounting
     """
 
     rot_ns: Floats
@@ -85,7 +87,7 @@ class State:
         return int(self.pos_n.shape[1])
 
     def moved(self, step: Floats, step_common: Floats) -> State:
-        """The state after a step of the solver: (18, N) and (28,). A turn beyond LARGEST_TURN shortens all of it."""
+        """The state after a step of the solver: (18, N) and (29,). A turn beyond LARGEST_TURN shortens all of it."""
         turn = max(float(np.abs(step[ROTATION]).max()), float(np.abs(step_common[MOUNT]).max()))
         share = min(1.0, LARGEST_TURN / turn) if turn > 0.0 else 1.0
         step, step_common = step * share, step_common * share

@@ -17,12 +17,14 @@ from recon.numerics.smoothing.measurements import (
     Measured,
     add_measured,
     body_rows,
+    lag_at,
     position_rows,
     velocity_rows,
 )
 from recon.numerics.smoothing.normal import Normal
 from recon.numerics.smoothing.soa import mv
 from recon.numerics.smoothing.state import (
+    CLOCK,
     COMMON_SIZE,
     KNOT_SIZE,
     LAG,
@@ -97,7 +99,7 @@ def spread_out(drive: Linearised, rows: Measured, hermite: np.ndarray, drift: bo
 
 
 def position_weights(drive: Linearised) -> np.ndarray:
-    return drive.inside.value + drive.state.common[LAG] * drive.inside.slope
+    return drive.inside.value + lag_at(drive.state, drive.smoother.epochs) * drive.inside.slope
 
 
 def differences(drive: Linearised, rows: Callable[[State], Measured]) -> np.ndarray:
@@ -327,7 +329,7 @@ def test_the_normal_equations_are_those_of_all_rows_together():
         body_rows(here, state, epochs, wheels(drive), (1.0, 1.0), robust=False),
     ]
     normal = Normal(state.knots)
-    add_measured(normal, drive.inside, epochs.slots, *rows, lag=float(state.common[LAG]))
+    add_measured(normal, drive.inside, epochs.slots, *rows, lag=lag_at(state, epochs))
     whole = [
         spread_out(drive, part, position_weights(drive) if index == 0 else drive.inside.slope, index == 0)
         for index, part in enumerate(rows)
@@ -343,7 +345,7 @@ def test_the_normal_equations_are_those_of_all_rows_together():
     alone = Normal(state.knots)
     for index in range(3):
         kinds = [part if index == number else None for number, part in enumerate(rows)]
-        add_measured(alone, drive.inside, epochs.slots, *kinds, lag=float(state.common[LAG]))
+        add_measured(alone, drive.inside, epochs.slots, *kinds, lag=lag_at(state, epochs))
     assert_allclose(dense(alone)[0] / np.outer(size, size), matrix / np.outer(size, size), atol=1e-12)
 
 
@@ -353,6 +355,6 @@ def test_the_unknowns_that_fixes_see_are_lever_and_lags_and_the_wheels_the_rest(
     position = position_rows(here, state, fixes, epochs, np.zeros((3, len(epochs.t_s)))).common
     body = body_rows(here, state, epochs, wheels(drive), (1.0, 1.0), robust=False).common
     seen = np.flatnonzero(np.abs(position).max(axis=(0, 2)))
-    assert_array_equal(seen, [*range(LEVER.start, LEVER.stop), LAG])
+    assert_array_equal(seen, [*range(LEVER.start, LEVER.stop), LAG, CLOCK])
     assert not body[:, [*range(LEVER.start, LEVER.stop), LAG, VELOCITY_LAG]].any()
     assert np.abs(body[:, MOUNT]).max() > 1.0
