@@ -84,7 +84,7 @@ def _follow_until_stopped(session: Session, teller: _Teller, pause: float, until
 
 def _tell_begin(session: Session, pipeline: str, as_json: bool) -> None:
     """What the user should know of a session that begins."""
-    if session.resumed and not as_json:
+    if session.goes_on and not as_json:
         console.write(f"going on with {session.result.path}")
     if left := session.steps.left_out:
         console.write_error(f"left to 'recon run {pipeline}' afterwards: {', '.join(left)}")

@@ -95,17 +95,23 @@ class Session:
     out : MCAP file of the result; one that is there is gone on with, as is what lies beside it as `.state`
     lag : s, how long a row waits before it is final
 
+    goes_on : were rows there already?; resumed : is the part of the log that they are of not read again?
     bad : what is wrong with each line that was left out
+
+    Raises ReadFailed where there is nothing to read, ConfigError where what is there is of another log.
     """
 
     def __init__(self, steps: Following, source: str, out: Path, lag: float, registry: Registry) -> None:
         self.steps, self.registry = steps, registry
-        self.result = GrowingResult(out)
         self._state = out.with_suffix(".state")
         stage = steps.fuser.stage
         self._made_by = f"{stage.name} {stage.version}"
         kept = _Kept.read(self._state, source, self._made_by)
         self.source: ByteSource = open_source(source, kept.offset if kept else 0)
+        self.result = GrowingResult(out, {
+            "pipeline": steps.pipeline, "sources": [source], "steps": [steps.reader.resolved(), steps.fuser.resolved()]
+        })  # fmt: skip
+        self.goes_on = self.result.begun
         self._pieces, self._file = Pieces(_OVERLAP), Path(source) if isinstance(self.source, GrowingFile) else None
         if kept is not None and self._file is not None:
             with self._file.open("rb") as file:
@@ -158,8 +164,7 @@ class Session:
     def close(self) -> None:
         """Make the result whole."""
         self.source.close()
-        steps = {"pipeline": self.steps.pipeline, "sources": [self.source.name], "lines_left_out": len(self.bad)}
-        self.result.close({"recon": __version__, **steps}, self.warnings)
+        self.result.close({"recon": __version__, "lines_left_out": len(self.bad)}, self.warnings)
         self._scratch.cleanup()
 
     @property

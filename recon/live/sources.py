@@ -59,6 +59,10 @@ class GrowingFile:
     def __init__(self, path: Path, offset: int = 0) -> None:
         try:
             self._file = path.open("rb")
+        except FileNotFoundError as error:
+            raise ReadFailed(path, "there is no such file", hint="start the logger first") from error
+        except IsADirectoryError as error:
+            raise ReadFailed(path, "this is a folder", hint="name the log that grows in it") from error
         except OSError as error:
             raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
         self._file.seek(offset)

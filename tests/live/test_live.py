@@ -120,6 +120,79 @@ def test_a_run_that_is_killed_loses_nothing_that_was_written_and_goes_on(lines, 
     assert found["trajectory"].slice(0, kept.num_rows).equals(kept)
 
 
+def live(log, out, *more):
+    return subprocess.run(command(log, out, "--until-end", *more), capture_output=True, text=True, check=False)
+
+
+def test_a_result_is_gone_on_with_by_the_same_command_alone(lines, tmp_path):
+    log, other, out = tmp_path / "log.txt", tmp_path / "other.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:201]) + "\n")
+    other.write_text("\n".join(lines[:101]) + "\n")
+    assert live(log, out).returncode == 0
+    made = out.read_bytes()
+    of_another = live(other, out)
+    with_others = live(log, out, "--set", "fuser.map.sensor_class=automotive")
+    assert [of_another.returncode, with_others.returncode] == [2, 2]
+    hint = "; choose another file with --out, or move it away\n"
+    assert of_another.stderr == f"error: {out} holds what pipeline 'best_accuracy' made of {log}{hint}"
+    assert with_others.stderr == f"error: {out} holds what other parameters made of this log{hint}"
+    assert out.read_bytes() == made
+    log.write_text("\n".join(lines[:301]) + "\n")
+    again = live(log, out)
+    assert again.stdout.startswith(f"going on with {out}\n")
+    assert recon.read(out)["imu"].num_rows == 300
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.mcap", "log.txt", "other.txt"]
+
+
+def test_what_a_killed_run_left_is_not_taken_into_another_drive(lines, tmp_path):
+    log, other, out = tmp_path / "log.txt", tmp_path / "other.txt", tmp_path / "drive.mcap"
+    part = tmp_path / "drive.part.mcap"
+    for file in (log, other):
+        file.write_text("\n".join(lines[:201]) + "\n")
+    running = subprocess.Popen(command(log, out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 60.0
+    while (not part.exists() or part.stat().st_size < 10_000) and time.monotonic() < until:
+        time.sleep(0.05)
+    running.kill()
+    running.wait()
+    left = part.read_bytes()
+    refused = live(other, out)
+    assert (refused.returncode, part.read_bytes(), out.exists()) == (2, left, False)
+    assert refused.stderr.startswith(f"error: {part} holds what pipeline 'best_accuracy' made of {log}")
+    assert live(log, out).returncode == 0
+    assert recon.read(out)["imu"].num_rows == 200
+
+
+def test_a_log_that_was_replaced_by_one_of_other_columns_is_refused_before_the_end(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:201]) + "\n")
+    assert live(log, out).returncode == 0
+    made = recon.read(out)["gnss"]
+    kept = [0, 5, 6, 7, 8, 9, 10, 11, 12, 13]  # all but lat, lon, alt and heading
+    rows = [line.removeprefix("# ").split("\t") for line in (lines[0], *lines[301:501])]
+    log.write_text("\n".join("\t".join(row[column] for column in kept) for row in rows) + "\n")
+    refused = live(log, out)
+    assert refused.returncode == 2
+    assert f"{out} holds rows of gnss that differ in columns: course, height, lat, lon" in refused.stderr
+    assert recon.read(out)["gnss"].equals(made)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("none.txt", "there is no such file\n  start the logger first"),
+        ("", "this is a folder\n  name the log that grows"),
+    ],
+)
+def test_a_source_that_is_not_there_leaves_nothing(name, sentence, tmp_path):
+    place = tmp_path / "logs"
+    place.mkdir()
+    told = live(place / name, tmp_path / "drive.mcap")
+    assert told.returncode == 4
+    assert told.stderr.startswith(f"error: {place / name}: {sentence}")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["logs"]
+
+
 def test_what_another_version_of_the_fuser_left_to_go_on_from_is_not_used(lines, tmp_path):
     log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
     log.write_text("\n".join(lines[:101]) + "\n")

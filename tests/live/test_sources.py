@@ -58,7 +58,7 @@ def test_a_file_that_is_begun_anew_ends_and_says_so(tmp_path):
 
 
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path):
-    with pytest.raises(ReadFailed, match="it cannot be read: No such file"):
+    with pytest.raises(ReadFailed, match="there is no such file"):
         open_source(str(tmp_path / "none.txt"))
 
 
