@@ -96,7 +96,9 @@ def sniff(path: Path, head: bytes) -> Sniff:
         return Sniff(0.0, "no records of SBET")
     records = np.frombuffer(head[: len(head) // RECORD * RECORD], dtype="<f8").reshape(-1, DOUBLES)[:LOOK_AT]
     times = records[:, 0]
-    sure = _possible(records).mean() > 0.8 and (len(times) < 2 or (np.diff(times) > 0).mean() > 0.8)
+    with np.errstate(invalid="ignore"):
+        rising = np.diff(times) > 0
+    sure = _possible(records).mean() > 0.8 and (len(times) < 2 or rising.mean() > 0.8)
     return Sniff(0.8, "records of 17 doubles as of SBET") if sure else Sniff(0.0, "no records of SBET")
 
 
@@ -163,6 +165,7 @@ def _times(t_ns: Times, good: Mask, params: SbetParams) -> tuple[Times, dict[str
 
 def _wander_frame(records: Array) -> tuple[bool, float, list[Metric]]:
     """Is x the axis to the north, and is the azimuth of that axis plus or minus the wander angle? What settled it."""
+    records = records[:, :11]
     steps = np.diff(records[:, :3], axis=0)
     seconds = steps[:, 0]
     with np.errstate(invalid="ignore"):

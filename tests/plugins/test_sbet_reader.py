@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,20 @@ def test_a_wander_frame_is_turned_back(tmp_path: Path) -> None:
     (told,) = [row for row in streams["metrics"].to_pylist() if row["name"] == "wander_frame"]
     assert told["method"] == "x to the north, azimuth of north minus wander"
     assert told["note"] == "velocities agree with positions"
+
+
+@pytest.mark.parametrize("column", [0, 4, 11])
+def test_numbers_that_are_none_warn_nobody(tmp_path: Path, column: int) -> None:
+    """Of times, velocities and the accelerations that are not read; two infinities have no difference."""
+    records = np.frombuffer(log_files.sbet(), dtype="<f8").reshape(-1, 17).copy()
+    records[20:22, column] = np.inf
+    records[23:25, column] = -np.inf, np.inf
+    path = tmp_path / "drive.sbet"
+    path.write_bytes(records.tobytes())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rows = recon.read(path)["reference"].num_rows
+    assert rows == len(records) - (4 if column < 11 else 0)
 
 
 def test_where_nothing_moves_the_axes_are_assumed(tmp_path: Path) -> None:
