@@ -1,6 +1,7 @@
 """The road under the wheels: roughness of every 100 m, and potholes with their position.
 
-    roughness      root mean square of the vertical acceleration of the body in a band of 0.5 to 20 Hz
+    roughness      root mean square of the vertical acceleration of the body in a band of 0.5 to 20 Hz, whose upper edge
+                   passes half of the power; of a logger slower than 100 Hz it is where its own band ends
     roughness_80   the same at 80 km/h: of a road of ISO 8608 with waviness 2 the power of a linear vehicle's answer is
                    proportional to its speed, so that the root goes with sqrt(v)
     pothole        a peak beyond 0.4 g, recon's own limit, that also stands out of the road around it
@@ -47,7 +48,7 @@ from recon import (
 )
 from recon import events as events_of
 from recon.handling import NEED, Handling, handling_of
-from recon.numerics.handling import smoothed, spells, weighted_quantile
+from recon.numerics.handling import of_neighbours, smoothed, spells, weighted_quantile
 from recon.rows import spans
 from recon.schema import TRAJECTORY
 from recon.tables import has, meta, with_meta
@@ -122,7 +123,7 @@ def _told(hits: Iterable[dict[str, Any]]) -> Iterator[tuple[int, float, float]]:
 
 def _band(found: Handling) -> Array:
     """Vertical acceleration (n,) m/s^2 without what is slower than the body or faster than the axles."""
-    quick = smoothed(found.t_ns, found.up, _HIGH_HZ, found.max_gap_s)
+    quick = of_neighbours(found.t_ns, found.up, _HIGH_HZ, found.max_gap_s)
     return np.asarray(quick - smoothed(found.t_ns, quick, _LOW_HZ, found.max_gap_s))
 
 
@@ -220,6 +221,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     """analyzer.road."""
     yield Analyzer(
         name="road",
+        version=2,
         summary="Roughness of every 100 m of road as this vehicle felt it, and potholes with their position.",
         params=RoadParams,
         reads={"trajectory": NEED, "events": EVENTS.need("time", "end_time", "kind", optional=True)},

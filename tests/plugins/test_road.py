@@ -7,6 +7,7 @@ import pytest
 from handling_drives import START_NS, bumpy, gentle, told
 
 from recon import Event, events, matrix, time_ns
+from recon.numerics.handling import of_neighbours
 from recon_analyzers.road import RoadParams, analyze_road
 
 
@@ -14,14 +15,22 @@ def analyzed(trajectory, happened=None, **params):
     return analyze_road(trajectory=trajectory, events=happened, params=RoadParams(**params))
 
 
-def test_roughness_is_the_root_mean_square_of_what_shakes():
-    """A sine of 2 m/s^2 at 5 Hz: 2 / sqrt(2). Four means for 20 Hz pass sinc^4(5 * 0.2275 / 20), the lines between the
-    samples that they go over sinc^8(5 / 100); what the four for 0.5 Hz pass, sinc^4(5 * 0.2275 / 0.5), is taken off."""
-    streams = analyzed(bumpy(2.0, 5.0))
-    low = np.sinc(5.0 * 0.22751 / 20.0) ** 4 * np.sinc(5.0 / 100.0) ** 8
-    gain = low * (1.0 - np.sinc(5.0 * 0.22751 / 0.5) ** 4)
+@pytest.mark.parametrize("frequency", [5.0, 12.0, 20.0])
+def test_roughness_is_the_root_mean_square_of_what_shakes(frequency):
+    """A sine of 2 m/s^2: 2 / sqrt(2). Four means for 20 Hz pass sinc^4(0.2275 f / 20), 1 / sqrt(2) at the edge; what
+    the four for 0.5 Hz pass, sinc^4(0.2275 f / 0.5), is taken off."""
+    streams = analyzed(bumpy(2.0, frequency))
+    gain = np.sinc(frequency * 0.22751 / 20.0) ** 4 * (1.0 - np.sinc(frequency * 0.22751 / 0.5) ** 4)
     inner = streams["road"]["roughness"].to_numpy()[1:-1]
-    assert inner == pytest.approx(np.full(len(inner), 2.0 / np.sqrt(2.0) * gain), rel=0.005)
+    assert inner == pytest.approx(np.full(len(inner), 2.0 / np.sqrt(2.0) * gain), rel=0.01)
+
+
+def test_a_row_without_acceleration_takes_nothing_off_its_neighbours():
+    t_ns = START_NS + np.arange(100) * 10_000_000
+    values = np.where(np.arange(100) == 50, np.nan, 3.0)
+    found = of_neighbours(t_ns, values, 20.0, 1.0)
+    assert np.isnan(found[50])
+    assert np.delete(found, 50) == pytest.approx(np.full(99, 3.0))
 
 
 @pytest.mark.parametrize("frequency", [0.02, 0.05])
