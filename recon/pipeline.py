@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from recon.errors import ConfigError
-from recon.form import Form
+from recon.form import Form, is_batch
 from recon.problems import Problem, Where, did_you_mean
 from recon.registry import GROUP, PIPELINE
 from recon.storage import STORES
@@ -32,6 +32,7 @@ from recon.yaml_nodes import Node, load, load_file
 
 FORMAT: Final = 1
 
+_ENDINGS: Final = (".yaml", ".yml")
 _PIPELINE_KEYS: Final = ("recon", "name", "about", "store", "steps")
 _STEP_KEYS: Final = ("use", "id", "params", "in", "out")
 
@@ -74,7 +75,7 @@ class Pipeline:
     @classmethod
     def from_file(cls, source: str | Path) -> Pipeline:
         """Read a YAML file, or a shipped pipeline by its name. Raises ConfigError with every problem of its form."""
-        pipeline, problems = parse(load_file(find(source)))
+        pipeline, problems = parse(_loaded(find(source)))
         if problems:
             raise ConfigError(problems)
         return pipeline
@@ -160,7 +161,7 @@ def _shipped_folders() -> list[Path]:
 def find(source: str | Path) -> Path:
     """The file of a pipeline that is given by its path or by the name of a shipped one. Raises ConfigError."""
     path = Path(source)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1 or path.is_file():
+    if path.suffix in _ENDINGS or len(path.parts) > 1 or path.is_file():
         return path
     mine = own()
     known = mine if path.name in mine else shipped()  # the names of other distributions are slow to find
@@ -168,6 +169,28 @@ def find(source: str | Path) -> Path:
         return known[path.name]
     hint = did_you_mean(path.name, known) or f"shipped: {', '.join(sorted(known))}; a file ends in .yaml"
     raise ConfigError([Problem(None, "unknown-pipeline", f"there is no pipeline '{source}'", hint)])
+
+
+def _loaded(path: Path) -> Node:
+    """What the file of a pipeline holds. Raises ConfigError, which knows a log and a batch file from a pipeline."""
+    may_be_log = path.suffix not in _ENDINGS and path.exists()
+    try:
+        root = load_file(path)
+    except ConfigError:
+        if not may_be_log:
+            raise
+        raise _no_pipeline(path) from None
+    if may_be_log and not isinstance(root.value, Mapping):
+        raise _no_pipeline(path)
+    if is_batch(root):
+        text = "this is a batch file, not a pipeline"
+        raise ConfigError([Problem(root.where, "bad-value", text, "run it with recon batch")])
+    return root
+
+
+def _no_pipeline(path: Path) -> ConfigError:
+    hint = "name the pipeline before the log, as in 'recon run best_accuracy LOG'"
+    return ConfigError([Problem(None, "unknown-pipeline", f"{path} is no pipeline", hint)])
 
 
 def parse(root: Node) -> tuple[Pipeline, list[Problem]]:

@@ -28,6 +28,7 @@ from recon_readers._lines import COPIED
 from recon_readers._text_blocks import HEAD_BYTES, Text, check_regular, not_text, unreadable
 
 MOST_COLUMNS: Final = 4096
+WORDS_ALONE: Final = "it holds a line of words, perhaps a header, and no row of numbers"
 _LOOK_AT: Final = 200
 _WITH_POINT: Final = re.compile(rb"\s*[+-]?\d+\.\d+(?:[eE][+-]?\d+)?\s*")
 
@@ -68,7 +69,8 @@ def survey(path: Path, text: Text, form: Form, encoding: str = "UTF-8") -> Sheet
     delimiter, width = _shape(path, rows, form.delimiter)
     first, header = _header(top, rows, delimiter, width, form)
     if first is None:
-        raise ReadFailed(path, "it has no whole row that holds a number", hint="check that the log is complete")
+        what = WORDS_ALONE if len(rows) == 1 and width > 2 else "it has no whole row that holds a number"
+        raise ReadFailed(path, what, hint="check that the log is complete")
     names = tuple(_words(header[2].lstrip().removeprefix(comment), delimiter, width)) if header else ()
     end, cut_line = _whole_end(text, first, delimiter, width)
     if end <= first[1]:

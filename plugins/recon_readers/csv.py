@@ -42,7 +42,7 @@ from recon_readers._csv_propose import in_shell, propose
 from recon_readers._csv_rows import Others, Part, fresh_rows, together, valid_rows
 from recon_readers._csv_sheet import Sheet
 from recon_readers._csv_streams import assumptions, locate, make, values_of
-from recon_readers._csv_text import Form, open_sheet, survey
+from recon_readers._csv_text import WORDS_ALONE, Form, open_sheet, survey
 from recon_readers._csv_time import Clock, clock_of, read_times
 from recon_readers._mapping_parts import Time
 from recon_readers._text_blocks import Text, not_text, plain
@@ -200,7 +200,7 @@ def sniff(path: Path, head: bytes) -> Sniff:
     try:
         found = survey(path, Text.of(path, plain(head)), Form())
     except ReadFailed as error:
-        return Sniff(0.0, error.what)
+        return Sniff(UNSURE if error.what == WORDS_ALONE else 0.0, error.what)
     kind = f"it looks like delimited text ({found.about})"
     proposed = f"'recon inspect {in_shell(path)} > mapping.yaml' proposes a mapping"
     return Sniff(UNSURE, f"{kind}: {proposed}; check it, and give it with '--set reader.csv.columns=@mapping.yaml'")

@@ -119,6 +119,33 @@ def test_an_unknown_name_says_what_was_meant():
     assert str(caught.value) == "error: there is no pipeline 'thesi'; did you mean 'thesis'?"
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("drive.txt", b"t\tax\n0\t1\n"),
+        ("drive.mcap", b"\x89MCAP0\r\n"),
+        ("big.csv", b"1,2\n" * 1_500_000),
+        ("d1", None),
+    ],
+)
+def test_a_log_in_the_place_of_the_pipeline_is_told(tmp_path, name, content):
+    log = tmp_path / name
+    log.mkdir() if content is None else log.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        Pipeline.from_file(log)
+    told = f"error: {log} is no pipeline; name the pipeline before the log, as in 'recon run best_accuracy LOG'"
+    assert [problem.as_text() for problem in caught.value.problems] == [told]
+
+
+def test_a_batch_file_in_the_place_of_a_pipeline_is_one_problem(tmp_path):
+    file = tmp_path / "fleet.yaml"
+    file.write_text("recon: 1\nbatch: fleet\npipeline: thesis\ninputs: [{glob: d/*}]\noutput: out\n")
+    with pytest.raises(ConfigError) as caught:
+        Pipeline.from_file(file)
+    told = f"{file}:1:1: error: this is a batch file, not a pipeline; run it with recon batch"
+    assert [problem.as_text() for problem in caught.value.problems] == [told]
+
+
 def test_a_path_is_never_taken_for_a_shipped_name(tmp_path):
     with pytest.raises(ConfigError, match="there is no such file"):
         Pipeline.from_file(tmp_path / "thesis.yaml")

@@ -10,7 +10,7 @@ from csv_logs import BOTH, IMU, ROWS, drive, params_of, read_text
 import recon
 from recon.check import check
 from recon.cli import main
-from recon.errors import DataError, UnknownFormat
+from recon.errors import DataError, ReadFailed, UnknownFormat
 from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.registry import Registry
@@ -44,6 +44,16 @@ def test_no_text_is_claimed_for_sure(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("head", [b"", b"\x89MCAP0\r\n", b'{"a": 1}\n', b"hello\n", bytes(range(256))])
 def test_what_is_no_delimited_text_is_disclaimed(tmp_path: Path, head: bytes) -> None:
     assert sniff(tmp_path / "log.csv", head).confidence == 0
+
+
+def test_a_header_without_rows_is_told_by_this_reader_alone(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,ax,ay,az\n")
+    with pytest.raises(ReadFailed) as caught:
+        recon.read(path)
+    reason, advice = caught.value.hint.splitlines()
+    assert reason == "reader.csv: it holds a line of words, perhaps a header, and no row of numbers"
+    assert advice.strip().startswith("check that it is the right file")
 
 
 def test_auto_declines_an_unknown_text_and_takes_it_with_a_mapping(tmp_path: Path) -> None:

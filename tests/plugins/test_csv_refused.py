@@ -28,7 +28,7 @@ from recon_readers.csv import CsvParams
         ("", "the file is empty", None, None),
         ("\n \n", "the file is empty", None, None),
         (b"PK\x03\x04" + bytes(range(256)), "this is not a text file", None, None),
-        ("t,ax,ay,az\n", "it has no whole row that holds a number", None, None),
+        ("t,ax,ay,az\n", "it holds a line of words, perhaps a header, and no row of numbers", None, None),
         ("just a few words\nand some more of them here\n", "it has no whole row that holds a number", None, None),
         ("1\n2\n3\n", "no delimiter", 1, None),
         ("t,ax,ay,az\n0.01,0.", "it has no whole row that holds a number", None, None),
