@@ -266,7 +266,8 @@ def _columns(table: pa.Table, gnss: Mapping[str, _Part], imu: Mapping[str, _Part
     for stream_name, parts in (("gnss", gnss), ("imu", imu)):
         for column, part in parts.items():
             values = vector(table, part.name, gaps=True)
-            found[stream_name, column] = np.mod(values, FLAGS) if column == "satellites" else values * part.factor
+            with np.errstate(invalid="ignore"):  # a damaged number may be infinite
+                found[stream_name, column] = np.mod(values, FLAGS) if column == "satellites" else values * part.factor
     lost = (found.get(("gnss", "satellites"), 1.0) == 0.0) & (found.get(("gnss", "speed"), 1.0) == 0.0)
     for column in gnss if np.any(lost) else ():
         found["gnss", column] = np.where(lost, np.nan, found["gnss", column])

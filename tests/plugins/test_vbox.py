@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,15 @@ def test_without_satellites_a_speed_of_zero_is_no_stop(tmp_path: Path) -> None:
         lines[row] = b" ".join([b"064", *parts[1:4], b"000.000", *parts[5:]])  # 64: the brake was pressed
     streams = read(tmp_path, b"\r\n".join(lines), axes="FLU")
     assert (streams["gnss"].num_rows, streams["imu"].num_rows) == (4, 6)
+
+
+def test_an_infinite_number_of_satellites_warns_nobody(tmp_path: Path) -> None:
+    lines = log_files.vbo(6).split(b"\r\n")
+    lines[-3] = lines[-3].replace(b"140 ", b"1e999 ", 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        satellites = vector(read(tmp_path, b"\r\n".join(lines))["gnss"], "satellites", gaps=True)
+    np.testing.assert_array_equal(satellites, [12.0, 12.0, 12.0, 12.0, np.nan, 12.0])
 
 
 def test_damaged_rows_are_left_out_and_counted(tmp_path: Path) -> None:
