@@ -48,6 +48,17 @@ def test_a_fault_is_named_with_its_value(fault):
     assert fault.found_in(found), by_code(found)[fault.code]
 
 
+@pytest.mark.parametrize("seed", [102, 104, 107])
+@pytest.mark.parametrize(("code", "value"), [("lat_lon", "swapped"), ("heading_kind", "anticlockwise from east")])
+def test_swapped_places_and_a_course_from_east_are_told_apart(code, value, seed):
+    """Both mirror the way against the courses; only swapped places change its length, which is no unit of speed."""
+    fault = next(one for one in benchmark.FAULTS if one.code == code and one.told == value)
+    streams = fault.drive(seed)
+    vectors = [name for name in streams["gnss"].column_names if name.startswith("vel_")]  # most receivers tell none
+    found = benchmark.findings({**streams, "gnss": streams["gnss"].drop_columns(vectors)})
+    assert contradicted(found) == {code: value}
+
+
 def test_a_contradiction_warns_and_shows_its_evidence():
     streams = benchmark.FAULTS[0].drive(101)
     told = examine_log(**streams, gnss_2=None, reference=None, metrics=None, params=DoctorParams())["metrics"]

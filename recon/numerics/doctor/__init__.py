@@ -42,8 +42,12 @@ def examine(log: Log, classes: Sequence[tuple[str, float, float]]) -> tuple[list
     imu = log.imu if log.imu is not None and len(log.imu.t_s) > 1 else None
     gnss = log.gnss if log.gnss is not None and len(log.gnss.t_s) > 1 else None
     found = dict(samples.sample_findings(imu, gnss, log.claims, _moving(imu, gnss)))
+    for one in _of_receiver(gnss, log):
+        found[one.code] = one
+    if gnss is not None:  # what it tells of the IMU is asked of it as it should be
+        gnss = receiver.clockwise(receiver.placed(gnss, found["lat_lon"]), found["heading_kind"])
     both = _of_both(imu, gnss, log.claims, classes)
-    for one in [*_of_receiver(gnss, log), *both.found]:
+    for one in both.found:
         found[one.code] = one
     if imu is not None:
         found = {code: _shown(one, imu, both.motion) for code, one in found.items()}
@@ -53,7 +57,8 @@ def examine(log: Log, classes: Sequence[tuple[str, float, float]]) -> tuple[list
 def _of_receiver(gnss: Gnss | None, log: Log) -> list[Finding]:
     found = [receiver.height_datum(log.heights, log.claims)]
     if gnss is not None:
-        found += [receiver.heading_kind(gnss), receiver.lat_lon(gnss), receiver.gnss_sigma(gnss)]
+        places = receiver.lat_lon(gnss)
+        found += [places, receiver.heading_kind(receiver.placed(gnss, places)), receiver.gnss_sigma(gnss)]
     return found
 
 

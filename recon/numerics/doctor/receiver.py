@@ -27,6 +27,7 @@ _LEAST_SPEED: Final = 4.0
 """m/s, below which a course says little."""
 _FEWEST: Final = 20
 """Fixes that a finding rests on."""
+_FROM_EAST: Final = "anticlockwise from east"
 _SPAN_S: Final = 2.0
 """Least time between two positions that tell a velocity."""
 _OFF_DEG: Final = 3.0
@@ -77,7 +78,7 @@ def heading_kind(gnss: Gnss) -> Finding:
     )  # fmt: skip
     if spread > np.radians(0.8) and other < 0.4 * spread and other < np.radians(25.0):
         turned = np.degrees(mirrored)
-        kind = "anticlockwise from east" if abs(turned - 90.0) < 15.0 else "anticlockwise"
+        kind = _FROM_EAST if abs(turned - 90.0) < 15.0 else "anticlockwise"
         text = (
             f"The course counts {kind} (as mathematicians do), not clockwise from north: it turns to the other side "
             f"than {how}."
@@ -128,22 +129,47 @@ def lat_lon(gnss: Gnss) -> Finding:
         return contradicted(code, "swapped", text, largest_deg=float(np.abs(gnss.lat[known]).max()))
     zero = float(((gnss.lat == 0.0) & (gnss.lon == 0.0)).sum())
     misses = {"as told": _miss(gnss)}
-    misses["swapped"] = _miss(replace(gnss, lat=np.where(np.abs(gnss.lon) < 90.0, gnss.lon, np.nan), lon=gnss.lat))
+    misses["course from east"] = _miss(_from_east(gnss))
+    misses["swapped"] = _miss(_swapped(gnss))
     misses["south is north"] = _miss(replace(gnss, lat=-gnss.lat))
     misses["west is east"] = _miss(replace(gnss, lon=-gnss.lon))
-    numbers = {f"miss_{name.replace(' ', '_')}": miss for name, miss in misses.items() if np.isfinite(miss)}
+    known_misses = {name: miss for name, miss in misses.items() if np.isfinite(miss)}
+    numbers = {f"miss_{name.replace(' ', '_')}": miss for name, miss in known_misses.items()}
     numbers["rows_at_0_0"] = zero
     if not np.isfinite(misses["as told"]):
         return unknown(code, "GNSS tells no courses at speed to compare the positions with.", **numbers)
-    best = min(numbers.keys() - {"rows_at_0_0"}, key=lambda name: numbers[name]).removeprefix("miss_").replace("_", " ")
+    best = min(known_misses, key=known_misses.__getitem__)
     if best == "as told" or misses[best] > 0.5 * misses["as told"] or misses["as told"] < 0.3:
         return confirmed(code, "as told", "Positions move the way that speed and course say.", **numbers)
+    if best == "course from east":
+        text = "Positions move the way that speed says, and the course where it counts as heading_kind tells."
+        return confirmed(code, "as told", text, **numbers)
     what = "Latitude and longitude are swapped" if best == "swapped" else f"A sign is wrong ({best})"
     text = (
         f"{what}: speeds and courses fit the positions that way and do not as they stand. The map would show the "
         "drive mirrored, in another country."
     )
     return contradicted(code, best, text, **numbers)
+
+
+def placed(gnss: Gnss, places: Finding) -> Gnss:
+    """The fixes with latitude and longitude in their places, where `lat_lon` found them swapped."""
+    right = _swapped(gnss)
+    swapped = places.status == "contradicted" and places.value == "swapped"
+    return right if swapped and np.isfinite(right.lat).any() else gnss
+
+
+def clockwise(gnss: Gnss, kind: Finding) -> Gnss:
+    """The fixes with the course clockwise from north, where `heading_kind` found it anticlockwise from east."""
+    return _from_east(gnss) if kind.value == _FROM_EAST else gnss
+
+
+def _from_east(gnss: Gnss) -> Gnss:
+    return replace(gnss, course=0.5 * np.pi - gnss.course)
+
+
+def _swapped(gnss: Gnss) -> Gnss:
+    return replace(gnss, lat=np.where(np.abs(gnss.lon) < 90.0, gnss.lon, np.nan), lon=gnss.lat)
 
 
 def _miss(gnss: Gnss) -> float:
