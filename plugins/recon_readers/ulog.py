@@ -245,7 +245,11 @@ def _reference(found: Mapping[tuple[str, int], Data], log: Log) -> None:
         placed = usable & (np.isfinite(places) & (places != 0.0)).all(axis=1) & (np.abs(places[:, 0]) < 90.0)
         if placed.any():
             anchor = Anchor(*places[placed][-1].tolist())
-            usable &= (places == places[placed][-1]).all(axis=1)
+            own = (places == places[placed][-1]).all(axis=1)
+            if (usable & ~own).any():
+                note = f"{data.name}: positions about an origin before the last one, of {len(own)}"
+                log.learnt.append(Metric("rows_left_out", float(np.count_nonzero(usable & ~own)), note=note))
+            usable &= own
         pos, vel = (np.column_stack([_numbers(data, name) for name in names]) for names in ("xyz", ("vx", "vy", "vz")))
         if usable.any():
             moved = _times(data)[usable], pos[usable], vel[usable]

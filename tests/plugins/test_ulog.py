@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import autopilot_logs as made
@@ -61,6 +62,16 @@ def test_the_estimate_is_in_east_north_up_about_its_origin(streams: Streams) -> 
     assert (yaw[0], pitch[0], roll[0]) == pytest.approx((45.0, 0.0, 0.0), abs=1e-5)
     assert meta(reference)["anchor"] == {"lat": LAT, "lon": LON, "height": HEIGHT}
     assert np.isnan(pos[1]).all()  # attitudes come at twice the rate
+
+
+def test_positions_about_an_origin_that_moved_are_told(tmp_path: Path) -> None:
+    """The estimator is set anew on the way: before, x and y count from another place."""
+    moved = made.ulog().replace(struct.pack("<dd", LAT, LON), struct.pack("<dd", LAT + 0.001, LON), 3)
+    streams = read(tmp_path / "log.ulg", moved)
+    assert np.isfinite(matrix(streams["reference"], "pos", gaps=True)).all(axis=1).sum() == 7
+    assert meta(streams["reference"])["anchor"]["lat"] == LAT
+    (row,) = [row for row in streams["metrics"].to_pylist() if row["name"] == "rows_left_out"]
+    assert (row["value"], row["note"].partition(":")[0]) == (3.0, "vehicle_local_position")
 
 
 def test_only_topics_that_are_wanted_are_read(tmp_path: Path) -> None:
