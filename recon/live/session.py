@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from recon import __version__
 from recon.check import check
-from recon.errors import ConfigError, ReadFailed
+from recon.errors import ConfigError, ReadFailed, ReconError
 from recon.live.clock import Clock, times_of
 from recon.live.output import GrowingResult
 from recon.live.pieces import Pieces
@@ -108,9 +108,14 @@ class Session:
         self._made_by = f"{stage.name} {stage.version}"
         kept = _Kept.read(self._state, source, self._made_by)
         self.source: ByteSource = open_source(source, kept.offset if kept else 0)
-        self.result = GrowingResult(out, {
+        made_by = {
             "pipeline": steps.pipeline, "sources": [source], "steps": [steps.reader.resolved(), steps.fuser.resolved()]
-        })  # fmt: skip
+        }  # fmt: skip
+        try:
+            self.result = GrowingResult(out, made_by)
+        except ReconError:
+            self.source.close()
+            raise
         self.goes_on = self.result.begun
         self._pieces, self._file = Pieces(_OVERLAP), Path(source) if isinstance(self.source, GrowingFile) else None
         if kept is not None and self._file is not None:
