@@ -54,12 +54,12 @@ class Mounted:
 def mounted(imu: pa.Table, solve: Solve, expected: Noise, wheels: bool, may_turn: bool) -> Mounted:
     """The drive, with the box turned back where the wheels show that it turned. Raises DataError.
 
-    What leans into bends is left as it is. expected : noise before any was estimated
+    What leans into bends is left as it is. expected : noise before any was estimated, if it is
     """
     alone = Mounted(imu, *solve(imu, wheels, expected), [])
     if not (wheels and may_turn) or alone.found.smoother.model.lean:
         return alone
-    if _misfit(alone.found).max() < 1.0:
+    if _misfit(alone.found, expected).max() < 1.0:
         return alone
     try:
         best = _turned_back_best(alone, solve, expected)
@@ -69,7 +69,7 @@ def mounted(imu: pa.Table, solve: Solve, expected: Noise, wheels: bool, may_turn
         return alone
     if contradiction(best.found.solved.noise, expected)[0]:
         return alone  # what does not fit is more than the mounting
-    return best if _size(best) < _BETTER * _size(alone) else alone
+    return best if _size(best, expected) < _BETTER * _size(alone, expected) else alone
 
 
 def _turned_back_best(alone: Mounted, solve: Solve, expected: Noise) -> Mounted | None:
@@ -83,7 +83,7 @@ def _turned_back_best(alone: Mounted, solve: Solve, expected: Noise) -> Mounted 
     for some in (turns, refined(turns, _attitudes(free))):
         back = _turned_back(imu, some, biases)
         found.append(Mounted(back, *solve(back, True, expected), some))
-    return min(found, key=_size)
+    return min(found, key=lambda one: _size(one, expected))
 
 
 def turned(turns: list[Turn]) -> list[Metric]:
@@ -107,19 +107,19 @@ def turnings(turns: list[Turn], start_ns: int) -> list[Event]:
     ]
 
 
-def _misfit(found: Estimate) -> Array:
+def _misfit(found: Estimate, expected: Noise) -> Array:
     """Motion across the track of the wheels, bank of the road and fixes put aside, in what is usual at most: (4,).
 
-    As believed, or more where the whole drive shows more than the twenty minutes from which it was learnt.
+    As it was learnt, or more where the whole drive shows more than the twenty minutes that tell it.
     """
-    noise = found.solved.noise
-    shown = np.maximum(on_wheels(found.smoother, found.solved), [noise.sideways, noise.upwards, noise.bank])
+    learnt, told = ([n.sideways, n.upwards, n.bank] for n in (found.solved.noise, expected))
+    shown = np.maximum(on_wheels(found.smoother, found.solved), np.where(np.equal(learnt, told), 0.0, learnt))
     return np.array([*shown, found.solved.rejected]) / _USUAL
 
 
-def _size(one: Mounted) -> float:
+def _size(one: Mounted, expected: Noise) -> float:
     """Of what the wheels contradict: a sum of squares."""
-    return float((_misfit(one.found)[:3] ** 2).sum())
+    return float((_misfit(one.found, expected)[:3] ** 2).sum())
 
 
 def _attitudes(free: Estimate) -> Attitudes:

@@ -12,6 +12,7 @@ from turned_drives import turned
 
 from recon import Event, Streams, events, matrix, time_ns
 from recon.numerics.rotation import angle, conjugate, from_euler, multiply, rotate
+from recon.numerics.smoothing import estimate
 from recon.rows import spans, warnings_of
 from recon.tables import replace
 from recon_readers.csv import read
@@ -124,3 +125,14 @@ def test_no_turn_explains_forces_of_the_wrong_sign(logs: Path) -> None:
     found = fused({**log, "imu": replace(log["imu"], accel=-matrix(log["imu"], "accel"))})
     assert not len(spans(found["events"], "box_turned"))
     assert any("contradict each other" in note for note in warnings_of(found["metrics"]))
+
+
+def test_without_learning_of_the_noise_a_turn_is_found_and_a_box_that_stays_is_not_suspected(
+    streams: Streams, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turned_box = {**streams, "imu": turned(streams["imu"], from_euler(*np.radians(TURNS[0])), AT_S)}
+    assert len(spans(fused(turned_box, estimate_noise=False)["events"], "box_turned")) == 1
+    solutions = []
+    monkeypatch.setattr("recon.driving.estimate", lambda *given: solutions.append(given) or estimate(*given))
+    fused(streams, estimate_noise=False)
+    assert len(solutions) == 1

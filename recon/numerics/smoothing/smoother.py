@@ -46,6 +46,8 @@ integrated anew. That of the accelerometer is linear but for the rotation."""
 _SPUN: Final = (5e-3, 0.05)
 """rad and m/s by which a spin makes scale errors of the gyroscope and biases of the accelerometer miss between knots,
 where their share of an interval is that of its time: increments are integrated anew, too."""
+_FINE: Final = (2e-5, 0.02, 1e-3)
+"""The same three, beyond which the motion between knots misses more than it is known to."""
 _FIRST_DAMPING: Final = 1e-6
 """Share by which the diagonal grows where the normal equations are not positive definite; tenfold each time."""
 _SWINGING: Final = (6, 0.5)
@@ -135,9 +137,11 @@ class Smoother(Equations):
         """The solution with the motion between its knots integrated with the biases and scale errors that it found.
 
         To first order their share of an interval is that of its time; where a vehicle brakes or turns in a part of one
-        it is not.
+        it is not. Left as it is where they were known well enough before.
         """
         state = solved.state
+        if not _far(state, solved.increments, _FINE):
+            return solved
         self._increments = None
         increments = self.increments(state)
         gravity = GravityField.around(state.pos_n, self.drive.anchor)
@@ -238,10 +242,15 @@ def _small(solution: Solution, loss: Loss) -> bool:
 
 
 def _stale(state: State, increments: Increments) -> bool:
-    gyro = np.abs(state.gyro_bias[:, :-1] - increments.gyro_bias).max() / _STALE[0]
-    accel = np.abs(state.accel_bias[:, :-1] - increments.accel_bias).max() / _STALE[1]
-    scale = np.abs(state.common[SCALES] - increments.scale).max() / _STALE[2]
-    return bool(max(gyro, accel, scale, *_spun(state, increments)) > 1.0)
+    return _far(state, increments, _STALE) or max(_spun(state, increments)) > 1.0
+
+
+def _far(state: State, increments: Increments, limits: tuple[float, float, float]) -> bool:
+    """Is a bias or scale error further from where it was integrated with than the limits?"""
+    gyro = np.abs(state.gyro_bias[:, :-1] - increments.gyro_bias).max() / limits[0]
+    accel = np.abs(state.accel_bias[:, :-1] - increments.accel_bias).max() / limits[1]
+    scale = np.abs(state.common[SCALES] - increments.scale).max() / limits[2]
+    return bool(max(gyro, accel, scale) > 1.0)
 
 
 def _spun(state: State, increments: Increments) -> tuple[float, float]:
