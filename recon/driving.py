@@ -151,17 +151,18 @@ def solve(drive: Drive, model: Model, noise: Noise, learn_noise: bool) -> Estima
     try:
         return estimate(drive, model, noise, learn_noise)
     except np.linalg.LinAlgError as error:  # a ValueError, too
-        raise undetermined(error) from error
+        raise undetermined() from error
     except ValueError as error:
         hint = "give a log of a drive; of a crash alone 'recon run crash_pulse LOG' tells how severe it was"
         raise DataError(f"there is no motion to find the heading: {error}", hint) from error
 
 
-def undetermined(error: np.linalg.LinAlgError) -> DataError:
+def undetermined() -> DataError:
     """What to say of a log whose equations have no solution."""
     return DataError(
-        f"the log does not determine a trajectory: {error}",
-        "are the units and the clocks of imu and gnss right, and was the box fixed in the vehicle?",
+        "the log does not determine a trajectory: its equations have no solution",
+        "are the units and the clocks of imu and gnss right, and was the box fixed in the vehicle? "
+        "'recon doctor' looks for wrong units, axes, signs and clocks",
     )
 
 

@@ -55,7 +55,7 @@ def _covariances(found: Estimate, t_ns: np.ndarray, rot_ln: Array, rot_lv: Array
     try:
         root = np.asarray(np.linalg.cholesky(turn @ inverse.conditional @ turn.swapaxes(1, 2)), np.float64)
     except np.linalg.LinAlgError as error:
-        raise undetermined(error) from error
+        raise undetermined() from error
     chained = turn[:-1] @ inverse.gains @ turn[1:].swapaxes(1, 2) @ root[1:]
     shared = turn[:, :SIZE] @ inverse.sensitivity
     shared[:, ATTITUDE] += rot_lv @ np.eye(unknowns.COMMON_SIZE)[unknowns.MOUNT, smoother.free]
