@@ -26,6 +26,7 @@ from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.recording import Recording
 from recon.registry import Registry
+from recon.runner import Progress, silent
 from recon.schema import unnumbered
 from recon.stages import Exporter, Reader, role_of
 from recon.tables import select_rows, time_ns
@@ -161,10 +162,12 @@ def study(
     seed: int = 0,
     overrides: Sequence[Override] = (),
     registry: Registry | None = None,
+    progress: Progress = silent,
 ) -> Study:
     """Outages of each length in s on a log, by a pipeline that begins with a reader; its exporters are left out.
 
-    most : outages of each length; overrides : parameters of the pipeline. Raises as `recon.run`, NotEnoughData.
+    most : outages of each length; overrides : parameters of the pipeline; progress : told what the pipeline runs over
+    Raises as `recon.run`, NotEnoughData.
     """
     registry = registry or Registry.installed()
     left_out = {step.id for step in pipeline.steps if role_of(step.use) == Exporter.role}
@@ -175,15 +178,16 @@ def study(
     others = [one for one in overrides if one not in of_reader and one.step not in left_out]
     reading = replace(pipeline, name="outages", steps=first)
     log = api.execute(reading, paths, None, of_reader, registry=registry).recording
+    over = [*([] if "reference" in log else ["all fixes"]), *(f"outages of {length:g} s" for length in lengths)]
     warnings: list[list[str]] = []
 
     def solve(recording: Recording) -> pa.Table:
+        progress(len(warnings), len(over), over[len(warnings)])
         run = api.execute(pipeline, recording, None, others, registry=registry)
         warnings.append(run.warnings)
         return run.trajectory.table
 
     outages, against = simulate(log, solve, lengths, most, seed)
-    over = [*([] if against == "reference" else [against]), *(f"outages of {length:g} s" for length in outages)]
     return Study(outages, against, dict(zip(over, warnings, strict=True)))
 
 

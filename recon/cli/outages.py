@@ -21,6 +21,7 @@ from recon.cli._options import (
     overrides_of,
     registry_of,
 )
+from recon.cli._progress import progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +71,11 @@ def outages(
         _figures()  # before all the work, not after it
     chosen, overrides = Pipeline.from_file(pipeline), overrides_of(settings)
     registry = registry_of(blocked, first_party_only)
-    found = study(paths, chosen, _lengths(lengths), most=most, seed=seed, overrides=overrides, registry=registry)
+    spans = _lengths(lengths)
+    with progress() as shown:
+        found = study(
+            paths, chosen, spans, most=most, seed=seed, overrides=overrides, registry=registry, progress=shown
+        )
     data = {"paths": [str(path) for path in paths], "pipeline": chosen.name, "seed": seed, **found.as_data()}
     if out is not None:
         _keep(out, data, found, overwrite=overwrite)

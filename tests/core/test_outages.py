@@ -98,7 +98,8 @@ def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
     assert main(["run", str(pipeline), "--out", str(kept)]) == 0
     capsys.readouterr()
     assert main(["outages", str(kept), "--lengths", "10", "--most", "2", "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
+    printed, shown = capsys.readouterr()
+    assert shown == "[1/1] outages of 10 s\n"
     assert "against the log's own reference" in printed
     assert "'worst inside' the median of the largest" in printed
     assert sorted(path.name for path in out.iterdir()) == ["outages.json", "outages.md", "outages.png"]
@@ -171,5 +172,17 @@ def test_exporters_of_the_pipeline_are_left_out_with_their_parameters(drive, tmp
     registry = Registry.installed().with_records(CHEAT)
     unused = Override.from_option("exporter.csv.nothing=1")
     pipeline = own_pipeline("fuser.cheat", "exporter.csv")
-    found = study([tmp_path], pipeline, [10.0], most=1, overrides=[unused], registry=registry)
+    told = []
+    found = study(
+        [tmp_path],
+        pipeline,
+        [10.0],
+        most=1,
+        overrides=[unused],
+        registry=registry,
+        progress=lambda *at: told.append(at),
+    )
     assert found.outages[10.0][0].horizontal == 0.0
+    base = [] if found.against == "reference" else [found.against]
+    over = [*base, "outages of 10 s"]
+    assert told == [(at, len(over), name) for at, name in enumerate(over)]
