@@ -147,6 +147,8 @@ def is_there(folder: Path) -> bool:
 def read(folder: Path) -> dict[str, Any]:
     """The manifest of a finished run. Raises ReadFailed where there is none, a damaged one, or one of a newer recon."""
     path = folder / MANIFEST
+    if not folder.exists():
+        raise ReadFailed(folder, "there is no such file or folder", hint="name the folder of a run")
     if not path.is_file():
         raise ReadFailed(folder, "this is no finished run: it holds no manifest.json", hint="name the folder of a run")
     try:

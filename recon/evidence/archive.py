@@ -27,6 +27,7 @@ _UNIX: Final = 3
 _ATTRIBUTES: Final = 0o100644 << 16
 _ENCRYPTED: Final = 1
 _CHUNK: Final = 1 << 20
+_A_SEAL: Final = "name a file that 'recon seal' wrote"
 _BEGIN: Final = b"PK"
 
 
@@ -73,6 +74,12 @@ def write(entries: Iterable[Entry], file: Path) -> None:
                 shutil.copyfileobj(source, target, _CHUNK)
 
 
+def unreadable(file: Path, error: OSError) -> ReadFailed:
+    """What to raise where a seal cannot be opened."""
+    other = "this is a folder" if file.is_dir() else f"it cannot be read: {error.strerror or error}"
+    return ReadFailed(file, "there is no such file" if isinstance(error, FileNotFoundError) else other, hint=_A_SEAL)
+
+
 @contextmanager
 def opened(file: Path) -> Iterator[list[Entry]]:
     """The entries of an archive, in its order.
@@ -83,12 +90,12 @@ def opened(file: Path) -> Iterator[list[Entry]]:
         with file.open("rb") as raw:
             begins = raw.read(len(_BEGIN)) == _BEGIN
     except OSError as error:
-        raise ReadFailed(file, f"it cannot be read: {error.strerror or error}") from error
+        raise unreadable(file, error) from error
     try:
         archive = zipfile.ZipFile(file)
     except (zipfile.BadZipFile, RuntimeError, ValueError, OSError) as error:
         if not begins:
-            raise ReadFailed(file, "this is no seal of recon: it is no zip archive") from error
+            raise ReadFailed(file, "this is no seal of recon: it is no zip archive", hint=_A_SEAL) from error
         raise Difference(f"{file.name} is cut short or damaged: {error}") from error
     with archive:
         _refuse_strange(archive.infolist(), file)

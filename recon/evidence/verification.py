@@ -103,7 +103,7 @@ def _digest(path: Path) -> str:
         with path.open("rb") as source:
             return archive.digest(source)
     except OSError as error:
-        raise ReadFailed(path, f"it cannot be read: {error.strerror or error}") from error
+        raise archive.unreadable(path, error) from error
 
 
 def _refuse_other(path: Path, found: str, noted: str) -> None:

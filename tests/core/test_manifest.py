@@ -161,6 +161,11 @@ def test_the_manifest_of_another_program_is_not_there(tmp_path):
     assert not manifest.is_there(tmp_path)
 
 
+def test_a_run_that_is_not_there_is_told_as_such(tmp_path):
+    with pytest.raises(ReadFailed, match=r"drive-thesis: there is no such file or folder"):
+        manifest.read(tmp_path / "drive-thesis")
+
+
 def test_a_folder_without_manifest_is_no_finished_run(tmp_path):
     with pytest.raises(ReadFailed, match=r"this is no finished run: it holds no manifest.json"):
         manifest.read(tmp_path)

@@ -51,8 +51,9 @@ def test_a_seal_of_a_newer_recon_is_told_as_such(sealed):
 
 
 def test_what_is_no_seal_is_refused(tmp_path):
-    with pytest.raises(ReadFailed, match="it cannot be read"):
-        evidence.verify(tmp_path / "absent.zip")
+    for file, what in ((tmp_path / "absent.zip", "there is no such file"), (tmp_path, "this is a folder")):
+        with pytest.raises(ReadFailed, match=f"{what}\n  name a file that 'recon seal' wrote"):
+            evidence.verify(file)
     (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff")
     with pytest.raises(ReadFailed, match="no zip archive"):
         evidence.verify(tmp_path / "photo.jpg")
