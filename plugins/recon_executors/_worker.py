@@ -137,7 +137,7 @@ class _Watch:
                 self.reason = (TIMED_OUT, f"it took more than {format_quantity(self._job.timeout, 's')}")
             elif self._job.memory is not None and held > self._job.memory:
                 limit = f"{self._job.memory / 1e9:g} GB"
-                self.reason = (OUT_OF_MEMORY, f"it held {held / 1e9:.2f} GB of memory; the limit is {limit}")
+                self.reason = (OUT_OF_MEMORY, f"it held {held / 1e9:.3g} GB of memory; the limit is {limit}")
             if self.reason is not None:
                 end_tree(self._process.pid)
                 return
