@@ -67,8 +67,6 @@ def mounted(imu: pa.Table, solve: Solve, expected: Noise, wheels: bool, may_turn
         return alone
     if best is None or not best.found.solved.converged:
         return alone
-    if contradiction(best.found.solved.noise, expected)[0]:
-        return alone  # what does not fit is more than the mounting
     return best if _size(best, expected) < _BETTER * _size(alone, expected) else alone
 
 
@@ -135,7 +133,10 @@ def _turns(imu: pa.Table, expected: Noise, solve: Solve) -> tuple[list[Turn], tu
     Found with biases that may jump, and where these are several also without, which tells too many of large turns.
     """
     jumping = replace(expected, gyro_walk=_JUMP * expected.gyro_walk, accel_walk=_JUMP * expected.accel_walk)
-    found = _turns_in(solve(imu, False, jumping)[0], imu)
+    free, _ = solve(imu, False, jumping)
+    found = _turns_in(free, imu)
+    if contradiction(free.solved.noise, jumping)[0]:  # which needs no mounting: something else does not fit
+        return [], found[1]
     if len(found[0]) < 2:
         return found
     return min(found, _turns_in(solve(imu, False, expected)[0], imu), key=lambda one: len(one[0]) or np.inf)
