@@ -37,7 +37,7 @@ def with_turns(streams: Streams, duration: float, rng: np.random.Generator) -> t
         size = np.radians(np.exp(rng.uniform(np.log(4.0), np.log(120.0))))
         axis = rng.normal(size=3) * [0.5, 0.5, 1.0]
         lasts_s = float(np.exp(rng.uniform(np.log(0.3), np.log(8.0))))
-        imu = turned(imu, from_rotvec(size * axis / np.linalg.norm(axis)), float(at_s), lasts_s)
+        imu = turned({**streams, "imu": imu}, from_rotvec(size * axis / np.linalg.norm(axis)), float(at_s), lasts_s)
     return {**streams, "imu": imu}, count
 
 
