@@ -53,6 +53,8 @@ _FIRST_DAMPING: Final = 1e-6
 _SWINGING: Final = (6, 0.5)
 """Steps, and rad: a heading with a larger sigma that still turns is one that hardly anything tells, and would swing for
 ever."""
+_SWINGING_LAG: Final = 0.1
+"""s; a lag that takes a fix across the edge of an impact may swing, too, and moves stamps only beyond this."""
 _BACK: Final = 0.5
 """Share of the last step; one that turns more of it back shows that it went too far, as the next would: the slope of a
 road in seconds of IMU far from fixes may swing so for ever."""
@@ -92,7 +94,7 @@ class Smoother(Equations):
         share, last = 1.0, np.zeros((self.normal.knots, 3))
         self.body = replace(self.body, rolls=np.zeros_like(self.body.rolls))
         for count in range(_FEWEST_STEPS if resumed else 1, MOST_STEPS + 1):
-            state, made = self._kept_fresh(state, noise, made, landed=count != 2)
+            state, made = self._kept_fresh(state, noise, made, count)
             here = self.linearise(state, noise, gravity, made, loss, sharpness, count)
             sharpness = here.sharpness
             try:
@@ -181,14 +183,14 @@ class Smoother(Equations):
             moved_lag=self.moved_lag,
         )
 
-    def _kept_fresh(self, state: State, noise: Noise, made: Integrated, landed: bool) -> tuple[State, Integrated]:
+    def _kept_fresh(self, state: State, noise: Noise, made: Integrated, count: int) -> tuple[State, Integrated]:
         """Integrated anew where biases went far, with stamps moved where the lag did.
 
-        landed : false after the first step, which overshoots what the second takes back, biases and scale errors most
+        Not after the first step, which overshoots what the second takes back, biases and scale errors most.
         """
-        if landed and _stale(state, made.increments):
+        if count != 2 and _stale(state, made.increments):
             made = self._integrated(state, noise)
-        if abs(state.common[LAG]) > STALE_LAG:
+        if abs(state.common[LAG]) > (STALE_LAG if count <= _SWINGING[0] else _SWINGING_LAG):
             self.move_stamps(float(state.common[LAG]))
             state = state.with_common(LAG, 0.0)
             made = replace(made, inside=locate(self.epochs, self.drive.samples, made.increments))
