@@ -44,6 +44,8 @@ _FAR: Final = np.array([np.inf, 2.0, 3.0])
 """m, forward, left and up, beyond which the middle of the rear axle is in no vehicle,"""
 _SURELY: Final = 3.0
 """if it is by so many sigmas."""
+_LEANING: Final = (np.radians(12.0), 60.0)
+"""rad and s: a vehicle that leans by more for most of so long behind an impact stands on no road."""
 _ASK: Final = "'recon doctor' looks for wrong units, axes, signs and clocks"
 _UNSURE_HEADING: Final = np.radians(5.0)
 _REVERSING: Final = 7.0
@@ -70,7 +72,7 @@ def doubts(found: Estimate, observed: Observed, trajectory: pa.Table, gnss: pa.T
             f"do not trust the positions; are lat and lon right? {_ASK}"
         )
     notes += [*_misfit_of_imu(solved.noise, expected), *_scales(found)]
-    notes += [*_apart(found), *_spun(found), *_jolted(found)]
+    notes += [*_apart(found), *_spun(found), *_jolted(found), *_leaning(found)]
     sideways = solved.noise.sideways
     if found.smoother.model.wheels and sideways > _SLIDING:
         verdict = "do not trust" if sideways > _SLIDING_MOST else "take care of"
@@ -117,6 +119,24 @@ def _jolted(found: Estimate) -> list[str]:
         f"in silences of the imu near {near:.0f} s after the start the velocity changed as it does not in driving: a "
         "crash or a jolt may lie in one of them: do not trust what is told around it"
     ]
+
+
+def _leaning(found: Estimate) -> list[str]:
+    """Does it lean behind an impact, as a vehicle that lies on its side does, or a box that left its mount?"""
+    knots, impacts = found.smoother.drive.samples.knot_times, found.smoother.drive.impacts
+    up = found.solved.state.rot_vs @ found.solved.state.rot_ns[2]
+    notes = []
+    for impact in impacts:
+        behind = (knots >= impact.end_s) & (knots <= impact.end_s + _LEANING[1])
+        axis = np.median(up[:, behind], axis=1)
+        lean = float(np.arctan2(np.hypot(*axis[:2]), axis[2]))
+        if lean > _LEANING[0]:
+            notes.append(
+                f"behind the impact {impact.start_s:.0f} s after the start the vehicle leans by {np.degrees(lean):.0f} "
+                "deg: unless it lay so, the box left its mount, and what is told of attitude, heading and motion along "
+                "and across is that of the box from then on"
+            )
+    return notes
 
 
 def _loose(found: Estimate) -> list[str]:

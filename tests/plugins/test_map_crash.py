@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from crash_pulses import pulse
 from map_drives import drive, fused
+from turned_drives import flung
 
 from recon.driving import impacts_of
 from recon.numerics.rotation import angle, conjugate, from_rotvec, multiply, rotate
@@ -120,7 +121,8 @@ def test_a_vehicle_that_rolls_over_is_followed(turns: float) -> None:
     accel, gyro = (rotate(conjugate(q_rolled), matrix(log["imu"], name)) for name in ("accel", "gyro"))
     gyro += (6.0 * share * (1.0 - share) / 1.5)[:, None] * about
     found = fused({**log, "imu": replace(log["imu"], accel=accel, gyro=gyro)})
-    assert warnings_of(found["metrics"]) == []
+    (note,) = warnings_of(found["metrics"])
+    assert re.search(r"the vehicle leans by (\d+) deg: unless it lay so", note)
     one, true = found["trajectory"], log["reference"]
     for t_ns in (start - 1_000_000_000, start + 1_000_000_000, start + 3_000_000_000):
         row, same = (int(np.searchsorted(time_ns(table), t_ns)) for table in (one, true))
@@ -141,21 +143,22 @@ def test_an_impact_right_at_the_beginning_has_sigmas_without_a_fault() -> None:
     assert np.isfinite(matrix(fused({**log, "imu": imu, "events": events})["trajectory"], "vel_std")).all()
 
 
-@pytest.mark.parametrize("seed", [0, 4, 6])
+@pytest.mark.parametrize("seed", [0, 4, 6, 23])
 def test_a_box_that_the_crash_flings_out_of_its_mount_still_tells_the_speed_before(seed: int) -> None:
-    """It turns by 90 deg about any axis while it is struck: what it feels then contradicts fixes and wheels."""
+    """It turns by 90 deg about any axis while it is struck, and the vehicle seems to lie on its side from then on.
+
+    The last time a fix lies at the edge of the impact: which side of it depends on the delay that is believed.
+    """
     log = wreck(seed, speed=12.0, rest=20.0)
     ((start, _),) = spans(log["events"], "crash")
-    share = np.clip((time_ns(log["imu"]) - start) / 0.4e9, 0.0, 1.0)
     about = np.random.default_rng(seed).standard_normal(3)
-    about *= 0.5 * np.pi / np.linalg.norm(about)
-    q_flung = from_rotvec((share**2 * (3.0 - 2.0 * share))[:, None] * about)
-    accel, gyro = (rotate(conjugate(q_flung), matrix(log["imu"], name)) for name in ("accel", "gyro"))
-    gyro += (6.0 * share * (1.0 - share) / 0.4)[:, None] * about
-    found = fused({**log, "imu": replace(log["imu"], accel=accel, gyro=gyro)})
+    q_flung = from_rotvec(0.5 * np.pi * about / np.linalg.norm(about))
+    found = fused({**log, "imu": flung(log, q_flung, (start - time_ns(log["imu"])[0]) * 1e-9)})
     error, sigma = speed_error(log, found, start)
     assert abs(error) < 3.0 * sigma
-    assert any("put aside" in note for note in warnings_of(found["metrics"]))
+    (note,) = warnings_of(found["metrics"])
+    assert "the box left its mount" in note
+    assert not any("the box left its mount" in note for note in warnings_of(fused(log)["metrics"]))
 
 
 @pytest.mark.parametrize("seed", range(8))
