@@ -46,7 +46,7 @@ def main(folder, frames):
         for block in [*animated, bpy.data.node_groups["numbers"]]
         for name, values in keys_of(block).items()
     }
-    overview = bpy.data.objects["camera overview"]
+    overview, world = bpy.data.objects["camera overview"], scene.rigidbody_world
     moments = {}
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 4, False
     scene.render.resolution_x, scene.render.resolution_y = 320, 180
@@ -68,6 +68,7 @@ def main(folder, frames):
         "camera": scene.camera.name,
         "overview": [overview.data.clip_end, overview.location.z],
         "objects": sorted(thing.name for thing in bpy.data.objects),
+        "bake": [world.point_cache.frame_start, world.point_cache.frame_end] if world else [],
         "markers": [[mark.name, mark.frame] for mark in scene.timeline_markers],
         "properties": {
             name: getattr(value, "to_list", lambda value=value: value)()

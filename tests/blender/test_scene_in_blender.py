@@ -15,6 +15,7 @@ from recon.tables import matrix, replace, with_meta
 from recon_exporters.blender import BlenderParams, blender, find_blender
 
 SLOW_FRAME, SOLVED_FRAME, FAST_FRAME = 26, 140, 201
+HANDOVER, FPS = 26, 25
 
 
 def a_drive():
@@ -183,22 +184,37 @@ def test_a_picture_shows_white_letters_on_a_dark_plate(seen):
 
 def test_the_solver_lets_the_vehicle_slide_as_far_as_friction_does(program, tmp_path):
     """v^2 / (2 mu g) after the handover, to a tenth: Bullet is made for looks, and claims no more for its contacts."""
-    t_s = np.arange(0.0, 6.001, 0.01)
+    seen = slide(program, tmp_path, 6.0, 0.5, SLOW_FRAME, SOLVED_FRAME)
+    before, after = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (SLOW_FRAME, SOLVED_FRAME))
+    assert np.abs(before[:3, 3] - (10.0, 0.0, 0.0)).max() < 0.04  # a step of the solver
+    assert after[0, 3] - 10.0 == pytest.approx(10.0**2 / (2 * 0.5 * 9.81), rel=0.1)
+    assert np.abs(after[1:3, 3]).max() < 0.02  # it stays on its way and on the ground
+
+
+def test_the_solver_moves_the_vehicle_for_half_a_minute_and_nothing_else_is_baked(program, tmp_path):
+    """Without friction it slides for 30 s of 50, and then lies: the frames before and after cost a reader nothing."""
+    last, end = HANDOVER + 30 * FPS, 50 * FPS
+    seen = slide(program, tmp_path, 50.0, 0.0, last, end)
+    assert seen.facts["bake"] == [HANDOVER - 3, last]
+    then, later = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (last, end))
+    assert then[0, 3] == pytest.approx(10.0 + 30.0 * 10.0, rel=0.01)
+    assert np.array_equal(then, later)
+
+
+def slide(program, folder, seconds, friction, *frames):
+    """Straight on at 10 m/s, and from 1 s on as the solver has it."""
+    t_s = np.arange(0.0, seconds + 0.001, 0.01)
     position, velocity = np.outer(t_s, (10.0, 0.0, 0.0)), np.tile((10.0, 0.0, 0.0), (len(t_s), 1))
     blender(
         trajectory=drive(t_s, pos=position, vel=velocity, q=from_euler(np.zeros(len(t_s)), 0.0, 0.0)),
         gnss=None,
         events=happened((0.9, 1.0), kind="crash"),
         streams={},
-        folder=tmp_path,
+        folder=folder,
         about=RunInfo("a slide"),
-        params=BlenderParams(blender=program, solver=True, slow_motion=1.0, friction=0.5, restitution=0.0),
+        params=BlenderParams(blender=program, solver=True, slow_motion=1.0, friction=friction, restitution=0.0),
     )
-    seen = look(find_blender(program), tmp_path, SLOW_FRAME, SOLVED_FRAME)
-    before, after = (np.array(seen.facts["moments"][str(frame)]["vehicle"]) for frame in (SLOW_FRAME, SOLVED_FRAME))
-    assert np.abs(before[:3, 3] - (10.0, 0.0, 0.0)).max() < 0.04  # a step of the solver
-    assert after[0, 3] - 10.0 == pytest.approx(10.0**2 / (2 * 0.5 * 9.81), rel=0.1)
-    assert np.abs(after[1:3, 3]).max() < 0.02  # it stays on its way and on the ground
+    return look(find_blender(program), folder, *frames)
 
 
 def make(program, folder, **params):

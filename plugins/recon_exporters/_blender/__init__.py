@@ -37,6 +37,8 @@ def build(folder: Path, own: Any = None) -> Any:
     scene.collection.children.link(collection)
     _describe(scene, plan)
     vehicle = car.vehicle(collection, plan, arrays, own or look["vehicle"])
+    if look["solver"] is not None:  # now: it walks through the scene for each frame, however much is in it
+        crash.hand_over(scene, collection, vehicle, arrays, look["solver"])
     if "ghost_frame" in arrays:
         car.ghost(collection, arrays)
     scenery.sky_and_sun(scene, collection)
@@ -54,8 +56,6 @@ def build(folder: Path, own: Any = None) -> Any:
         scene.timeline_markers.new(mark["name"], frame=mark["frame"])
     if look["video"] is not None:
         video.behind(scene, scene.camera, arrays, look["video"])
-    if look["solver"] is not None:
-        crash.hand_over(scene, collection, vehicle, arrays, look["solver"])
     rendering.prepare(scene, look)
     keyframes.show_frame(scene, look["still"])
     return scene

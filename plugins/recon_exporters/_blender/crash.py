@@ -18,6 +18,10 @@ SIZE = np.array([4.3, 1.75, 1.1])
 """m; the middle of the box is its centre of mass."""
 FLOOR = 2000.0
 """m"""
+TAKEN = 3
+"""Frames before the handover with which the solver begins: it takes the speed from them."""
+SIMULATED = 30.0
+"""s for which it moves the vehicle, which lies as it is from then on."""
 
 
 def hand_over(scene: Any, collection: Any, vehicle: Any, arrays: Any, given: Any) -> None:
@@ -36,7 +40,8 @@ def hand_over(scene: Any, collection: Any, vehicle: Any, arrays: Any, given: Any
     heights = 2.0 * (x * z - w * y)[row], 2.0 * (y * z + w * x)[row], up[row, 2]
     reach = 0.5 * float(np.abs(SIZE * heights).sum())  # from the middle down to the lowest corner
     floor.location = middle[row] - np.array([0.0, 0.0, reach + 0.5])
-    _simulate(scene, body, floor, given)
+    last = float(np.interp(arrays["elapsed"][row] + SIMULATED, arrays["elapsed"], frames))
+    _simulate(scene, body, floor, given, int(np.ceil(last)))
 
 
 def _box(collection: Any, name: str, size: Any) -> Any:
@@ -48,7 +53,7 @@ def _box(collection: Any, name: str, size: Any) -> Any:
     return made
 
 
-def _simulate(scene: Any, body: Any, floor: Any, given: Any) -> None:
+def _simulate(scene: Any, body: Any, floor: Any, given: Any, last: int) -> None:
     bpy.ops.rigidbody.world_add()
     world = scene.rigidbody_world
     if world.collection is None:
@@ -66,6 +71,7 @@ def _simulate(scene: Any, body: Any, floor: Any, given: Any) -> None:
         body.rigid_body.keyframe_insert("kinematic", frame=frame)
     frames, pace = np.array(given["pace"]).T
     animate(scene, "SCENE", frames, [("rigidbody_world.time_scale", 0, pace)])
-    world.point_cache.frame_start, world.point_cache.frame_end = scene.frame_start, scene.frame_end
-    with bpy.context.temp_override(scene=scene, point_cache=world.point_cache):
+    cache = world.point_cache
+    cache.frame_start, cache.frame_end = max(scene.frame_start, given["frame"] - TAKEN), min(scene.frame_end, last)
+    with bpy.context.temp_override(scene=scene, point_cache=cache):
         bpy.ops.ptcache.bake(bake=True)
