@@ -43,7 +43,7 @@ def _ahead(one: Finding, motion: Motion) -> Picture | None:
 
 
 def _late(one: Finding, motion: Motion) -> Picture | None:
-    if motion.forward is None or motion.up is None or not isinstance(one.value, float):
+    if motion.forward is None or motion.up is None or not motion.forward.told or not isinstance(one.value, float):
         return None
     spans = motion.spans
     felt = (spans.accel - np.median(spans.accel, axis=0)) @ motion.forward.unit

@@ -13,7 +13,7 @@ import numpy as np
 
 from recon.numerics.doctor.finding import Finding, Floats, confidence_of, confirmed, contradicted, unknown
 from recon.numerics.doctor.log import Claims, Gnss, Imu, pairs
-from recon.numerics.doctor.motion import FEWEST, Motion, regress
+from recon.numerics.doctor.motion import FEWEST, Direction, Motion, regress
 from recon.numerics.geodesy import STANDARD_GRAVITY
 
 SPEEDS: Final[Mapping[str, float]] = {
@@ -116,7 +116,15 @@ def _turns(motion: Motion) -> tuple[float, float, str] | None:
     slope = float(found.vector[0])
     if abs(slope) < 6.0 * np.sqrt(3.0) * found.sigma:
         return None
-    return 1.0 / abs(slope), np.sqrt(3.0) * found.sigma / slope**2, "bends at this speed need by what they push aside"
+    ratio, sigma = 1.0 / abs(slope), np.sqrt(3.0) * found.sigma / slope**2
+    if motion.turn is not None and _known_otherwise(motion.turn, ratio, sigma):
+        return None  # banked bends push aside by less
+    return ratio, float(sigma), "bends at this speed need by what they push aside"
+
+
+def _known_otherwise(turn: Direction, ratio: float, sigma: float) -> bool:
+    """Is what the course says of the gyroscope, known to a quarter at least, another ratio?"""
+    return turn.length > 4.0 * turn.sigma and abs(ratio - turn.length) > 6.0 * float(np.hypot(sigma, turn.sigma))
 
 
 def speed_unit(gnss: Gnss, motion: Motion | None, claims: Claims) -> Finding:
