@@ -10,6 +10,8 @@ import pyarrow as pa
 
 from recon.rounding import rounded, with_unit
 
+STAGE: Final = "analyzer.doctor"
+"""It looks for them."""
 PREFIX: Final = "finding_"
 """Metrics of that name are findings."""
 

@@ -135,7 +135,7 @@ class LiveMap:
         try:
             found, observed = self._begin() if self.held is None else self._go_on(self.held)
         except DataError as error:
-            self.awaits = f"a drive that tells more: {error}"
+            self.awaits = f"a drive that tells more: {'; '.join(filter(None, (error.message, error.hint)))}"
             return {}
         if found is None or observed is None:
             return {}

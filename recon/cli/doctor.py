@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from recon.registry import Registry
     from recon.trial import Trial
 
-STAGE: Final = "analyzer.doctor"
 _HEADS: Final = {
     "contradicted": "wrong, as the data show",
     "confirmed": "right, as far as the data show",
@@ -62,7 +61,7 @@ def doctor(
     Example: recon doctor drive.txt --write fixed.yaml
     """
     from recon import api
-    from recon.findings import findings_in
+    from recon.findings import STAGE, findings_in
     from recon.pipeline import Pipeline
 
     _refuse_existing(write, overwrite)

@@ -123,7 +123,7 @@ class _Teller:
         self.pause, self.as_json, self.shown = pause, as_json, shown
         self._latest: pa.Table | None = None
         self._told_at = self._reason_at = -math.inf
-        self._bad = self._wrong = self._unused = 0
+        self._bad = self._wrong = self._unused = self._doubts = 0
 
     def take(self, told: Streams) -> None:
         """What a step of a session told."""
@@ -149,7 +149,9 @@ class _Teller:
             console.write_error(f"{line}: left out")
         for note in session.clock.wrong[self._wrong :][:1]:
             console.write_error(note)
-        self._bad, self._wrong = len(session.bad), len(session.clock.wrong)
+        for doubt in session.units.doubts[self._doubts :]:
+            console.write_error(f"warning: {doubt}")
+        self._bad, self._wrong, self._doubts = len(session.bad), len(session.clock.wrong), len(session.units.doubts)
 
     def _tell(self) -> None:
         if self._latest is not None:

@@ -25,6 +25,7 @@ from recon.live.clock import Clock, times_of
 from recon.live.output import GrowingResult
 from recon.live.pieces import Pieces
 from recon.live.sources import ByteSource, GrowingFile, open_source
+from recon.live.units import Units
 from recon.overrides import Override
 from recon.pipeline import Pipeline
 from recon.plan import PlannedStep
@@ -125,6 +126,7 @@ class Session:
         self.live: Live = _live(steps, lag, kept.saved if kept is not None and self.resumed else None)
         self._begins: list[tuple[int, int]] = []
         self.clock = Clock()
+        self.units = Units(steps.reader, registry)
         self._kept_ns = 0
         self._heard: pa.Table | None = None
         self.bad: list[str] = []
@@ -179,7 +181,7 @@ class Session:
         unread = [f"{lines} that could not be read left out, the first: {self.bad[0]}"] if self.bad else []
         more = f" ({len(self.clock.wrong) - 1} more of this kind)" if len(self.clock.wrong) > 1 else ""
         broken = [f"{self.source.name} broke off: {self.source.broken}"] if self.source.broken else []
-        return unread + [f"{note}{more}" for note in self.clock.wrong[:1]] + broken
+        return unread + [f"{note}{more}" for note in self.clock.wrong[:1]] + self.units.doubts + broken
 
     def _take(self, piece: bytes) -> Iterator[Streams]:
         read, begins = self._read(piece), self._pieces.begins
@@ -190,6 +192,7 @@ class Session:
         if "imu" in streams and streams["imu"].num_rows:
             self._begins.append((int(time_ns(streams["imu"])[0]), begins))
         for part in _in_steps(streams):
+            self.units.take(part, read.get("metrics"))
             told = dict(self.live.advance(part))
             self.result.append({**part, **{name: told[name] for name in ("trajectory",) if name in told}})
             if "gnss" in part and part["gnss"].num_rows:

@@ -249,6 +249,19 @@ def test_a_line_that_cannot_be_read_is_left_out_and_told(lines, tmp_path):
     assert read_file(out).meta["manifest"]["lines_left_out"] == 2
 
 
+def test_a_unit_that_cannot_be_right_is_told_in_a_line_and_kept_with_the_result(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    rows = [line.split("\t") for line in lines[1:601]]
+    in_si = ["\t".join([*row[:6], *(f"{9.80665 * float(cell):.8g}" for cell in row[6:9]), *row[9:]]) for row in rows]
+    log.write_text("\n".join([lines[0], *in_si]) + "\n")
+    told = live(log, out)
+    sentence = "accel_unit: The accelerometer feels 95."
+    assert told.stderr.count(f"warning: {sentence}") == 2  # when it is found, and at the end
+    (kept,) = warnings_of(recon.read(out)["metrics"])
+    assert kept.startswith(sentence)
+    assert "the file is not in g. It is m/s^2." in kept
+
+
 def test_a_log_of_which_no_line_can_be_read_is_refused(lines, tmp_path):
     log = tmp_path / "log.txt"
     log.write_text("\n".join([*lines[:50], *["1\tx"] * 200]) + "\n")
