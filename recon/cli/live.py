@@ -15,7 +15,7 @@ import typer
 from recon.cli import _console as console
 from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, bad_option, overrides_of, registry_of
 from recon.cli._signals import EXIT_TERMINATED, Terminated
-from recon.errors import EXIT_INTERRUPTED
+from recon.errors import EXIT_INTERRUPTED, StorageError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -65,10 +65,22 @@ def live(
     with _viewer(rerun, rrd) as shown:
         session = Session(steps, source, out or Path("live.mcap"), waits, registry)
         _tell_begin(session, pipeline, as_json)
-        stopped = _follow_until_stopped(session, _Teller(pause, as_json, shown), pause, until_end)
+        with _going_on(session):
+            stopped = _follow_until_stopped(session, _Teller(pause, as_json, shown), pause, until_end)
     _tell_end(session, stopped=stopped is not None)
     if stopped:
         raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
+
+
+@contextmanager
+def _going_on(session: Session) -> Iterator[None]:
+    """Where more of a result cannot be written, it is told what becomes of it."""
+    try:
+        yield
+    except StorageError as error:
+        kept = "what was written is kept; the same command goes on with it" if session.result.begun else ""
+        error.hint = "\n".join(filter(None, (error.hint, kept)))
+        raise
 
 
 def _follow_until_stopped(session: Session, teller: _Teller, pause: float, until_end: bool) -> KeyboardInterrupt | None:

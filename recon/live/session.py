@@ -35,7 +35,7 @@ from recon.registry import Registry
 from recon.runner import read_one
 from recon.schema import APPENDED
 from recon.stages import Fuser, Live, Reader
-from recon.storage.atomic import staged_file
+from recon.storage.atomic import staged_file, storage_errors
 from recon.tables import Streams, select_rows, time_ns
 
 _STEP_NS: Final = 10_000_000_000
@@ -203,13 +203,14 @@ class Session:
     def _read(self, piece: bytes) -> Recording | None:
         """All streams of a piece, less the lines that the reader refuses; None where no row is left.
 
-        Raises ReadFailed with the place in the log where it is not single lines that are wrong.
+        Raises ReadFailed with the place in the log where it is not single lines that are wrong, StorageError.
         """
         path = Path(self._scratch.name, self._file.name if self._file is not None else "log.txt")
         for _ in range(_MOST_BAD):
             if not piece:
                 return None
-            path.write_bytes(piece)
+            with storage_errors(path):
+                path.write_bytes(piece)
             try:
                 return read_one(self.steps.reader, path, self.registry)
             except ReadFailed as error:
@@ -232,7 +233,8 @@ class Session:
         newest = self.clock.newest_ns
         if newest is None or not self._pieces.overlaps:
             return None
-        path.write_bytes(self._pieces.alone)
+        with storage_errors(path):
+            path.write_bytes(self._pieces.alone)
         try:
             read = read_one(self.steps.reader, path, self.registry)
         except ReadFailed:

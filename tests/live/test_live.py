@@ -350,6 +350,43 @@ def test_a_pause_of_no_length_is_refused_in_a_sentence(lines, option, told, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["log.txt"]
 
 
+WITHOUT_ROOM = """
+import resource, sys
+from recon.cli import main
+most = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+sys.exit(main(sys.argv[2:]))
+"""
+"""A limit on the size of files stands for the disk."""
+
+
+def without_room(most, log, out):
+    """`recon live` where no file may have more bytes."""
+    _, _, _, *words = command(log, out, "--until-end")
+    program = [sys.executable, "-c", WITHOUT_ROOM, str(most), *words]
+    return subprocess.run(program, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the limit on the size of files is one of POSIX")
+def test_a_full_disk_loses_nothing_that_was_written_and_the_same_command_goes_on(lines, tmp_path):
+    log, out = tmp_path / "log.txt", tmp_path / "drive.mcap"
+    log.write_text("\n".join(lines[:2001]) + "\n")
+    nowhere = without_room(100_000, log, out)  # not even for what has come: 0.3 MB
+    assert nowhere.returncode == 8
+    assert f"{log.name} could not be written: file too large" in nowhere.stderr
+    full = without_room(350_000, log, out)
+    assert full.returncode == 8
+    assert "drive.part.mcap could not be written: file too large" in full.stderr
+    assert full.stderr.endswith("\n  what was written is kept; the same command goes on with it\n")
+    before = recon.read(tmp_path / "drive.part.mcap")["imu"]
+    assert before.num_rows > 100
+    again = live(log, out)
+    assert (again.returncode, "going on with" in again.stdout) == (0, True)
+    found = recon.read(out)
+    assert found["imu"].num_rows == 2000
+    assert found["imu"].slice(0, before.num_rows).equals(before)
+
+
 def test_a_live_view_is_whole_where_the_result_cannot_be_written(tmp_path):
     rerun = pytest.importorskip("rerun_cli", reason="rerun-sdk is not installed")
     assert rerun
