@@ -82,6 +82,12 @@ def write_nothing(*, imu, folder, about, params):
     raise ZeroDivisionError("nobody foresaw this")
 
 
+def write_much(*, imu, folder, about, params):
+    with open("/dev/full", "w") as file:
+        file.write("more than fits")
+    return []
+
+
 @hookimpl
 def declare_simulators():
     yield Simulator(name="still", summary="A box at rest.", params=Still, run=still, writes={"imu": IMU})
@@ -107,6 +113,7 @@ def declare_exporters():
     yield Exporter(name="name", summary="Names.", run=write_name, reads=needs)
     yield Exporter(name="late", summary="Waits.", run=write_late, reads=needs)
     yield Exporter(name="fail", summary="Fails.", run=write_nothing, reads=needs)
+    yield Exporter(name="full", summary="Fills the disk.", run=write_much, reads=needs)
 '''
 STAGES = (
     "simulator.still",
@@ -118,6 +125,7 @@ STAGES = (
     "exporter.name",
     "exporter.late",
     "exporter.fail",
+    "exporter.full",
 )
 PIPELINE = """\
 name: box

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from recon.cli import _console as console
 from recon.cli import _signals as signals
-from recon.errors import ReconError
+from recon.errors import ReconError, StorageError
 
 if TYPE_CHECKING:
     from recon.api import Run
@@ -20,12 +20,14 @@ MOST_WARNINGS: Final = 8
 
 
 @contextmanager
-def accounted(results: Mapping[str, Path]) -> Iterator[None]:
+def accounted(results: Mapping[str, Path], goes_on: str = "") -> Iterator[None]:
     """An error or interruption in the block says which of these results were written before it, by looking.
 
     The block ends with its report to the user: after it, an interruption is too late and is ignored.
 
     results : by what messages call it, the place where a result appears when it is whole
+    goes_on : the command that makes what is missing once the first of them is there, followed by the last words of
+        what it is called
     """
     before = {name: _identity(path) for name, path in results.items()}
     try:
@@ -34,6 +36,11 @@ def accounted(results: Mapping[str, Path]) -> Iterator[None]:
     except (ReconError, KeyboardInterrupt) as error:
         there = {name: _identity(path) for name, path in results.items()}
         whole = [f"{name} is complete: {results[name]}" for name in results if there[name] not in (None, before[name])]
+        missing = [name for name in results if there[name] in (None, before[name])]
+        if not whole and isinstance(error, StorageError):
+            whole = ["nothing of it is kept; the same command begins anew"]
+        elif whole and missing and goes_on and isinstance(error, StorageError | KeyboardInterrupt):
+            whole.append(f"'{goes_on} {' '.join(name.rpartition(' ')[2] for name in missing)}' makes what is missing")
         if not whole:
             raise
         if isinstance(error, KeyboardInterrupt):

@@ -70,7 +70,7 @@ def run(
     _check_inputs(found, inputs or ())
     folder = out or default_folder(found.name, inputs or ())
     names = list(dict.fromkeys(exports or ()))
-    with accounted({"the run": folder, **_places(folder, names)}):
+    with accounted({"the run": folder, **_places(folder, names)}, goes_on=f"recon export {folder}"):
         with progress() as shown:
             finished = execute(
                 with_span(found, start, stop), inputs or None, folder, overrides, registry=registry, exports=names,

@@ -79,7 +79,8 @@ def test_ctrl_c_in_an_export_says_that_the_run_is_complete(tmp_path: Path, envir
         process.send_signal(signal.SIGINT)
         _, err = process.communicate()
     assert process.returncode == 130
-    assert err.endswith("interrupted; the run is complete: drive-box\n")
+    rest = "'recon export drive-box late' makes what is missing"
+    assert err.endswith(f"interrupted; the run is complete: drive-box; {rest}\n")
     assert recon.open(tmp_path / "drive-box").recording["imu"].num_rows == 100
     assert not (tmp_path / "drive-box" / "exports").exists()
 

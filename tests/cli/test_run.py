@@ -186,6 +186,20 @@ def test_an_export_that_finds_nothing_to_show_does_not_stop_the_others(cli: Cli,
     assert entries(tmp_path / "drive-box" / "exports") == {"count", "name"}
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_on_a_full_disk_it_is_told_what_is_kept_and_how_to_go_on(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("run", "box.yaml", "drive.txt", "--export", "count", "--export", "full", "--export", "name")
+    assert ended.code == 8
+    assert ended.err.splitlines()[-3:] == [
+        "  the run is complete: drive-box",
+        f"  export count is complete: {Path('drive-box/exports/count')}",
+        "  'recon export drive-box full name' makes what is missing",
+    ]
+    nothing = cli("export", "drive-box", "full")
+    assert nothing.code == 8
+    assert nothing.err.splitlines()[-1] == "  nothing of it is kept; the same command begins anew"
+
+
 def test_an_older_result_is_not_taken_for_the_new_one(cli: Cli, tmp_path: Path) -> None:
     cli("run", "box.yaml", "drive.txt")
     (tmp_path / "box.yaml").write_text(PIPELINE + "  - use: filter.fail\n")
