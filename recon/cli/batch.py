@@ -11,12 +11,14 @@ import typer
 from recon.cli import _console as console
 from recon.cli._batch_progress import progress
 from recon.cli._options import AsJson
+from recon.errors import StorageError
 
 if TYPE_CHECKING:
     from recon.fleet.driver import Fleet, Report
 
 EXIT_SOME_FAILED: Final = 6
 MOST_LISTED: Final = 20
+_GOES_ON: Final = "what is done is kept; the same command goes on from there"
 
 
 def batch(
@@ -49,14 +51,20 @@ def batch(
         with progress(as_json=log_json) as told:
             report = driver.run(fleet, told, only=only, verify=verify)
     except KeyboardInterrupt as interruption:
-        interruption.args = ("what is done is kept; the same command goes on from there",)
+        interruption.args = (_GOES_ON,)
         raise
+    except StorageError as error:
+        raise _going_on(error) from error
     facts = _facts(fleet, report)
     console.write_json(facts) if as_json else console.write(_text(facts))
     if report.unwritten is not None:
-        raise report.unwritten
+        raise _going_on(report.unwritten)
     if report.failures:
         raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def _going_on(error: StorageError) -> StorageError:
+    return StorageError(error.message, "\n".join(filter(None, (error.hint, _GOES_ON))))
 
 
 def _warn(fleet: Fleet) -> None:
@@ -112,12 +120,15 @@ def _facts(fleet: Fleet, report: Report) -> dict[str, Any]:
 
 
 def _text(facts: dict[str, Any]) -> str:
+    from recon.fleet.driver import AGAIN
     from recon.fleet.root import SUPERSEDED
 
     rows = [(key.replace("_", " "), str(facts[key])) for key in ("done", "done_before", "failed", "output")]
     lines = [console.table(rows)]
     counts = Counter(failure["code"] for failure in facts["failures"])
     lines += [f"failed: {count} {code}" for code, count in counts.most_common()]
+    if again := sum(counts[code] for code in AGAIN):
+        lines.append(f"{again} of them may go well another time: the same command does them again")
     if facts["superseded"]:
         lines.append(f"{facts['superseded']} older results of failed drives were moved to {SUPERSEDED} in the output")
     if facts["stopped"] and facts["recorded"]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -103,7 +104,7 @@ class DriveJob:
     def _make(self) -> str:
         """Which exports found nothing to show; "" where all are there."""
         root = root_of(self.output)
-        with root.scratch() as scratch:
+        with root.scratch() as scratch, _told_of(scratch / "result", root.place / self.key):
             before = _stamped(self.source)
             copy = fetch(self.source, scratch)
             folder = scratch / "result"
@@ -164,6 +165,16 @@ def _hash(text: str) -> str:
 def is_made_of(text: bytes, mark: str) -> bool:
     """Is this manifest, as it is kept, whole and that of a result made of `mark`?"""
     return f'"made_of": "{mark}"'.encode() in text[:_HEAD] and text.endswith(b"}\n")
+
+
+@contextmanager
+def _told_of(folder: Path, place: Place) -> Iterator[None]:
+    """What cannot be written is told as what it would have been, not by its name of the moment."""
+    try:
+        yield
+    except StorageError as error:
+        error.message = error.message.replace(str(folder), str(place))
+        raise
 
 
 @cache

@@ -40,9 +40,12 @@ from recon.yaml_nodes import load_file
 DEFAULT_EXECUTOR: Final = "executor.local"
 LOST: Final = (DIED, TIMED_OUT, OUT_OF_MEMORY, FAULT)
 """Reasons that others told of a job, which may have put its result to its place before."""
-AGAIN: Final = (*LOST, "input_changed", "not_written")
+NOT_WRITTEN: Final = "not_written"
+AGAIN: Final = (*LOST, "input_changed", NOT_WRITTEN)
 """Reasons that may not be there another time: `retries` is for these. A log that cannot be read stays so."""
 
+MOST_UNWRITTEN: Final = 20
+"""Drives that could not be written, one behind the other: none can, and a fleet would be worked through in vain."""
 LOOKERS: Final = 16
 """Threads that read manifests from a store, for which they mostly wait; from a disk this one is as fast as many."""
 AT_ONCE: Final = 1024
@@ -268,14 +271,21 @@ def chosen(fleet: Fleet, only: str) -> Drives:
 
 
 def _outcomes(fleet: Fleet, todo: Drives, kept: int, told: Told) -> Ended:
-    """The last outcome of each drive: what may go well another time is tried again, after all others."""
-    ended, failed, total = 0, 0, len(todo)
+    """The last outcome of each drive: what may go well another time is tried again, after all others.
+
+    Raises StorageError where MOST_UNWRITTEN of them were not written.
+    """
+    ended, failed, unwritten, total = 0, 0, 0, len(todo)
     for tries_left in range(fleet.batch.retries, -1, -1):
         again: list[Drive] = []
         flight = Flight(fleet.executor, fleet.executor_params, todo, fleet.job)
         with closing(flight.outcomes()) as outcomes:
             for drive, lost_or_told in outcomes:
                 outcome = _as_found(fleet, drive, lost_or_told)
+                unwritten = unwritten + 1 if outcome.code == NOT_WRITTEN else 0
+                if unwritten == MOST_UNWRITTEN:
+                    text = f"none of the last {unwritten} drives was written, the last one: {outcome.text}"
+                    raise StorageError(text, outcome.hint)
                 if tries_left and outcome.code in AGAIN:
                     again.append(drive)
                     continue

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -137,61 +135,3 @@ def test_an_interruption_ends_a_batch_in_order(tmp_path: Path) -> None:
     assert "Traceback" not in errors
     assert alive_after(workers, 1.0) == []
     assert not (file.parent / "results/.scratch").exists()
-
-
-@pytest.mark.skipif(not Path(os.sep, "dev", "full").exists(), reason="there is no device that is always full")
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
-    from plugin_files import install
-
-    module = (
-        "from recon import Exporter, hookimpl\n"
-        "def full(folder, about, params):\n"
-        "    (folder / 'x').write_bytes(b'x')\n"
-        "    with open('/dev/full', 'wb') as file:\n"
-        "        file.write(b'x' * 100)\n"
-        "@hookimpl\n"
-        "def declare_exporters():\n"
-        "    yield Exporter(name='full', summary='Fills the disk.', run=full)\n"
-    )
-    file = fleet(tmp_path, {"A/d0": "good 1"})
-    file.write_text(file.read_text(encoding="utf-8") + "exports: [full]\n", encoding="utf-8")
-    install(tmp_path / "site", "full", modules={"full.py": module}, points={"exporter.full": "full"})
-    code, _, errors = finish(file)
-    assert code == 6
-    assert "not_written" in errors
-    assert "no space left on device" in errors
-    assert results(file.parent / "results") == {}
-
-
-SUMMED_UP_WITHOUT_ROOM = """
-import resource, sys
-from recon.cli import main
-resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-sys.exit(main(["batch", sys.argv[1]]))
-"""
-"""A limit on the size of files stands for the disk: the table of all jobs is larger."""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="the limit on the size of files is one of POSIX")
-def test_a_disk_that_is_full_when_the_results_are_summed_up_is_told(tmp_path: Path) -> None:
-    file = fleet(tmp_path, {"A/d0": "good 1", "A/d1": "good 2"})
-    assert finish(file)[0] == 0
-    root = file.parent / "results"
-    calm = results(root)
-    (root / "jobs.parquet").unlink()
-    environment = {**os.environ, "PYTHONPATH": str(file.parent / "site")}
-    command = [sys.executable, "-c", SUMMED_UP_WITHOUT_ROOM, str(file)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 8, done.stderr
-    assert "jobs.parquet could not be written: file too large" in done.stderr
-    assert finish(file)[0] == 0
-    assert results(root) == calm
-    assert pq.read_table(root / "jobs.parquet").num_rows == 2
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which not even root may write: /sys of Linux")
-def test_an_output_that_may_not_be_written_gives_one_sentence(tmp_path: Path) -> None:
-    file = fleet(tmp_path, {"A/d0": "good 1"}, BATCH.replace("output: results", "output: /sys/kernel"))
-    code, _, errors = finish(file)
-    assert code == 8
-    assert errors.startswith("error: /sys/kernel/.lock could not be written: ")
