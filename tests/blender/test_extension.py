@@ -87,13 +87,23 @@ def test_what_recon_warned_of_is_a_text_in_the_file(used):
     assert "warning: no GNSS positions" in facts["told"]
 
 
-def test_an_older_result_is_loaded_with_other_options_and_a_vehicle_of_ones_own(used):
+def test_an_older_result_is_loaded_with_other_options(used):
     _, facts, _ = used
-    assert facts["load"] == ["FINISHED"]
+    assert facts["load"] == [["FINISHED"], ["FINISHED"]]
     # 11 s at 25 frames a second, no longer slow; the first frame is 1, and the last row just before the end.
     assert facts["frames"] in (275, 276)
-    assert facts["parent of my car"].startswith("vehicle")
-    assert facts["scenes"] == 3  # Blender's own, and one for each press
+    assert facts["scenes"] == 4  # Blender's own, and one for each press
+
+
+def test_a_vehicle_of_ones_own_is_in_every_film_and_stays_in_its_own_scene_as_it_was(used):
+    """Parked at (3, 4), half a metre up: so high it is above the ground of the film, too."""
+    _, facts, _ = used
+    mine = facts["my car"]
+    assert (mine["parent"], mine["at"]) == (None, [3.0, 4.0, 0.5])
+    assert sorted(mine["from the vehicle"]) == ["drive.001", "drive.002"]
+    for shown in mine["from the vehicle"].values():
+        # products of single precision, tens of metres from the origin
+        assert np.abs(np.array(shown) - (0.0, 0.0, 0.5)).max() < 1e-4
 
 
 def test_what_is_set_in_the_panel_and_only_that_is_passed_on_with_its_unit(used):
@@ -119,6 +129,20 @@ def test_what_is_wrong_is_said_in_recons_words(used):
     assert facts["without a log"].strip() == "Error: Choose a log first"
     assert "no reader knows this file" in facts["not a log"]
     assert facts["not a log"].count("rror: ") == 1  # Blender's own word for it
+
+
+def test_a_log_and_a_run_that_are_not_there_are_told_by_their_paths_and_stay_told_in_the_panel(used):
+    folder, facts, _ = used
+    lost, run = f"There is no file {folder / 'lost.txt'}", f"{folder} is not the folder of a finished run"
+    assert facts["lost log"] == [f"Error: {lost}\n", lost]
+    assert facts["no run"] == [f"Error: {run}: it holds no manifest.json\n", f"{run}: it holds no manifest.json"]
+
+
+def test_a_message_that_names_an_option_of_the_terminal_says_where_in_the_panel_it_goes(used):
+    _, facts, _ = used
+    assert "--set reader.csv.columns=@mapping.yaml" in facts["unknown columns"]
+    assert facts["unknown columns"].strip().endswith("here settings go into Result > More, without --set")
+    assert "Result > More" not in facts["not a log"]
 
 
 def test_a_quotation_mark_that_is_not_closed_is_told_and_the_next_press_works(used):

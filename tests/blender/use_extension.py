@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import bpy
 
 RUN = "drive"
+PARKED = (3.0, 4.0, 0.5)
 
 
 def install(archive):
@@ -57,13 +58,50 @@ def left_alone(log, folder):
     return [button.work.finished(), given.running, sorted(path.name for path in folder.iterdir())]
 
 
+def parked_car():
+    """An object of the artist's own, somewhere in the scene that was there first."""
+    car = bpy.data.objects.new("my car", bpy.data.meshes.new("my car"))
+    bpy.data.scenes["Scene"].collection.objects.link(car)
+    car.location = PARKED
+    bpy.data.scenes["Scene"].view_layers[0].update()
+    return car
+
+
+def seen_in_films(car):
+    """Where an object is in its own scene, and by scene how far the one shown there is from the vehicle."""
+    depsgraphs = {scene.name: scene.view_layers[0].depsgraph for scene in car_films(car)}
+    away = {}
+    for name, depsgraph in depsgraphs.items():
+        depsgraph.update()
+        shown = [each.matrix_world.copy() for each in depsgraph.object_instances if each.object.original == car]
+        root = next(each for each in bpy.data.scenes[name].objects if each.name.startswith("vehicle"))
+        away[name] = [list(root.evaluated_get(depsgraph).matrix_world.inverted() @ one.translation) for one in shown]
+    return {"parent": car.parent, "at": list(car.matrix_world.translation), "from the vehicle": away}
+
+
+def car_films(car):
+    """The scenes that have an instance of it."""
+    return [
+        scene
+        for scene in bpy.data.scenes
+        if any(each.instance_collection and car.name in each.instance_collection.objects for each in scene.objects)
+    ]
+
+
 def main(archive, log, folder):
     before = {name.partition(".")[0] for name in sys.modules}
     facts = {"installed": sorted(install(archive))}
     given = bpy.context.window_manager.recon
     facts["pipelines"] = [item.identifier for item in given.bl_rna.properties["pipeline"].enum_items]
     facts["without a log"] = pressed(bpy.ops.recon.reconstruct)
-    given.log, given.folder = str(folder / "letter.txt"), str(folder / RUN)
+    given.log, given.result = str(folder / "lost.txt"), str(folder)
+    facts["lost log"] = [pressed(bpy.ops.recon.reconstruct), given.status]
+    facts["no run"] = [pressed(bpy.ops.recon.load_result), given.status]
+    given.log, given.folder = str(folder / "table.csv"), str(folder / RUN)
+    (folder / "table.csv").write_text("a,b,c\n" + "1.0,2.0,3.0\n" * 9, encoding="utf-8")
+    facts["unknown columns"] = pressed(bpy.ops.recon.reconstruct)
+    (folder / "table.csv").unlink()
+    given.log = str(folder / "letter.txt")
     (folder / "letter.txt").write_text("Dear Sir or Madam,\n", encoding="utf-8")
     facts["not a log"] = pressed(bpy.ops.recon.reconstruct)
     facts["cancelled"] = cancelled(log, folder)
@@ -78,11 +116,11 @@ def main(archive, log, folder):
     for name in ("scene.json", "scene.npz"):  # the next button writes its own
         (folder / name).write_bytes((made / name).read_bytes())
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
-    given.own = bpy.data.objects.new("my car", bpy.data.meshes.new("my car"))
+    given.own = parked_car()
     given.slow_motion = 1.0
-    facts["load"] = pressed(bpy.ops.recon.load_result)
+    facts["load"] = [pressed(bpy.ops.recon.load_result) for _ in range(2)]
     facts["frames"] = bpy.context.scene.frame_end
-    facts["parent of my car"] = given.own.parent.name
+    facts["my car"] = seen_in_films(given.own)
     given.pipeline, given.lever_arm, given.wheels = "crash", (1.2, 0.0, 0.3), False
     facts["words"] = module_of("settings").run_words(given)
     facts["scenes"] = len(bpy.data.scenes)

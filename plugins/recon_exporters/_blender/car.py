@@ -50,7 +50,7 @@ def vehicle(collection: Any, plan: Any, arrays: Any, own: Any) -> Any:
     if own and isinstance(own, str):
         _append(collection, root, own)
     elif own:
-        _adopt(collection, root, [own, *own.children_recursive])
+        _show_again(collection, root, own)
     else:
         _shell(collection, root, solid("paint", from_hex(PAINT), roughness=0.25, metallic=0.3))
         _wheels(collection, root, plan, arrays)
@@ -67,19 +67,23 @@ def ghost(collection: Any, arrays: Any) -> None:
 
 
 def _append(collection: Any, root: Any, path: str) -> None:
-    """All objects of another file below the vehicle; forward is their x."""
+    """All objects of another file below the vehicle, as they stand about the origin; forward is their x."""
     with bpy.data.libraries.load(path) as (there, here):
         here.objects = there.objects
-    _adopt(collection, root, here.objects)
-
-
-def _adopt(collection: Any, root: Any, parts: Any) -> None:
-    """Objects move with the vehicle, as they stand about the origin."""
-    for part in parts:
-        if part.name not in collection.objects:
-            collection.objects.link(part)
-        if part.parent not in parts:
+    for part in here.objects:
+        collection.objects.link(part)
+        if part.parent is None:
             part.parent = root
+
+
+def _show_again(collection: Any, root: Any, own: Any) -> None:
+    """An object with all below it, as it stands on z = 0, once more: itself it stays in its scene as it is."""
+    parts = bpy.data.collections.new(own.name)
+    for part in (own, *own.children_recursive):
+        parts.objects.link(part)
+    parts.instance_offset = (*own.matrix_world.translation[:2], 0.0)
+    again = thing(collection, own.name, None, root)
+    again.instance_type, again.instance_collection = "COLLECTION", parts
 
 
 def _shell(collection: Any, root: Any, paint: Any) -> None:

@@ -37,8 +37,10 @@ class Task:
 
 def no_log(given: Any) -> str:
     """What has to be given before a log can be reconstructed; "" where it is there."""
-    if not given.log or not absolute(given.log).exists():
+    if not given.log:
         return "Choose a log first"
+    if not absolute(given.log).exists():
+        return f"There is no file {absolute(given.log)}"
     try:
         more_words(given)
     except ValueError:
@@ -48,8 +50,11 @@ def no_log(given: Any) -> str:
 
 def no_run(given: Any) -> str:
     """What has to be given before a run can be shown; "" where it is there."""
-    there = given.result and (absolute(given.result) / "manifest.json").is_file()
-    return "" if there else "Choose the folder of a finished run first: it holds manifest.json"
+    if not given.result:
+        return "Choose the folder of a finished run first"
+    folder = absolute(given.result)
+    there = (folder / "manifest.json").is_file()
+    return "" if there else f"{folder} is not the folder of a finished run: it holds no manifest.json"
 
 
 class _Working:
@@ -99,8 +104,12 @@ class _Working:
     def _begin(self, context: Any) -> bool:
         given = context.window_manager.recon
         missing = self.task.missing(given)
-        if missing or given.running:
-            self.report({"ERROR"}, missing or "It is running already")  # type: ignore[attr-defined]
+        if given.running:
+            self.report({"ERROR"}, "It is running already")  # type: ignore[attr-defined]
+            return False
+        if missing:
+            given.status = missing
+            self.report({"ERROR"}, missing)  # type: ignore[attr-defined]
             return False
         try:
             self.work = Work.start(self.task.words(given), PACKAGES.search_path())

@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+IN_THE_PANEL: Final = "here settings go into Result > More, without --set"
 _STEP: Final = re.compile(r"\[(\d+)/(\d+)\] (.*)")
 
 
@@ -96,7 +97,8 @@ class Work:
         first = next((row for row, line in enumerate(self.said) if "error: " in line), None)
         told = self.said[-3:] if first is None else self.said[first : first + 3]
         words = [line.replace("error: ", "", 1).strip() for line in told]
-        return "; ".join(words) or f"recon ended with exit code {self.process.returncode}"
+        text = "; ".join(words) or f"recon ended with exit code {self.process.returncode}"
+        return f"{text}; {IN_THE_PANEL}" if "--set " in text else text
 
     def cancel(self) -> None:
         """End it; recon leaves nothing half-written."""

@@ -213,7 +213,7 @@ def _properties() -> dict[str, Any]:
         ),
         "more": props.StringProperty(name="More", description="Further parameters: STEP.NAME=VALUE STEP.NAME=VALUE"),
         "own": props.PointerProperty(
-            name="Own vehicle", type=bpy.types.Object, description="It takes the place of the car: forward is x, up z"
+            name="Own vehicle", type=bpy.types.Object, description="Shown in place of the car: nose along x, on z = 0"
         ),
         "result": props.StringProperty(
             name="Folder", subtype="DIR_PATH", description="Of a run that recon made before"
