@@ -173,7 +173,7 @@ def declare_aligners() -> Iterable[Aligner]:
     yield Aligner(
         name="boxes",
         summary="Finds how further boxes stand to the first, and writes them as the first would have measured.",
-        version=2,
+        version=3,
         params=BoxesParams,
         reads={"imu": IMU.need("accel", "gyro"), **further},
         writes=dict.fromkeys(FURTHER_IMUS, SAME),

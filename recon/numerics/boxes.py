@@ -10,6 +10,11 @@ Both sides are averaged alike, which leaves vibration out. Clocks begin as `box_
 quaternion of Davenport. From there all is found at once by least squares with Huber's weights: rotation, lag, drift,
 lever arm, and the scale errors of all twelve sensors, held near zero by what sensors are.
 
+The lever arm is seen through the turn rates of box 1, whose noise, squared, would draw it towards zero. So the slopes
+along it count by those that box 2 tells, whose noise is another one (instrumental variables). Scale errors, seen
+through what box 2 measures, count by the mean of both, whose noise has no part in their difference where boxes are
+alike.
+
 The biases b may wander: within half a minute both sides count relative to their means, so nothing is learnt from
 gravity through biases that nobody knows, and all from its change. Sigmas come from what each such window adds to the
 gradient (sandwich estimate), for errors are correlated, each seen by a fit without it (jackknife), for a fit of many
@@ -20,6 +25,8 @@ References
     Davenport (1968), "A vector approach to the algebra of rotations with applications", NASA TN D-4696 (q-method).
     Huber (1981), "Robust Statistics", ch. 7.
     Liang, Zeger (1986), "Longitudinal data analysis using generalized linear models", Biometrika 73(1) (sandwich).
+    Reiersol (1941), "Confluence analysis by means of lag moments and other methods of confluence analysis",
+    Econometrica 9(1), 1-24 (instrumental variables).
     Bell, McCaffrey (2002), "Bias reduction in standard errors for linear regression with multi-stage samples", Survey
     Methodology 28(2), section 3 (jackknife).
     Groves (2013), "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sec. 2.5.5.
@@ -208,18 +215,20 @@ def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust:
     gradient = -_PRECISION * state
     told = np.zeros((len(windows), len(state), len(state)))
     parts = np.zeros(told.shape[:2])
-    for misfit, slopes in _misfits(sides, rot_12, state, bias):
+    for misfit, slopes, told_by in _misfits(sides, rot_12, state, bias):
         even = np.ones(len(misfit))
         size = np.linalg.norm(_centred(misfit, even, windows), axis=1)
         sigma = max(float(np.quantile(size, _LARGE)) / _LENGTH, 1e-12)
         kept = _HUBER * np.sqrt(3.0) * sigma / np.maximum(size, 1e-300) if robust else even
         weights = np.minimum(1.0, kept) / sigma**2
         error, partial = (_centred(values, weights, windows) for values in (misfit, slopes))
-        pushes = weights[:, None] * np.einsum("nij,ni->nj", partial, error)
-        parts += np.add.reduceat(pushes, windows, axis=0)
-        heavy = partial * np.sqrt(weights)[:, None, None]
+        heavy = weights[:, None, None] * _centred(told_by, weights, windows)
+        parts += np.add.reduceat(np.einsum("nij,ni->nj", heavy, error), windows, axis=0)
         told += np.stack(
-            [rows.reshape(-1, len(state)).T @ rows.reshape(-1, len(state)) for rows in _split(heavy, windows)]
+            [
+                ours.reshape(-1, len(state)).T @ theirs.reshape(-1, len(state))
+                for ours, theirs in zip(_split(heavy, windows), _split(partial, windows), strict=True)
+            ]
         )
     gradient = gradient + parts.sum(axis=0)
     inverse = np.linalg.pinv(told.sum(axis=0) + np.diag(_PRECISION))
@@ -227,7 +236,7 @@ def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust:
         return inverse @ gradient, np.full_like(inverse, np.nan)
     left = np.eye(len(state)) - told @ inverse
     alone = np.linalg.solve(left, parts[..., None])[..., 0]
-    return inverse @ gradient, inverse @ (alone.T @ alone + np.diag(_PRECISION)) @ inverse
+    return inverse @ gradient, inverse @ (alone.T @ alone + np.diag(_PRECISION)) @ inverse.T
 
 
 def _split(rows: Floats, starts: NDArray[np.intp]) -> list[Floats]:
@@ -242,7 +251,7 @@ def _loose_windows(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -
     """
     windows = _starts(sides.t_s, _WINDOW_S)
     even, normal, gradient = np.ones(len(sides.t_s)), np.zeros((len(windows), 3, 3)), np.zeros((len(windows), 3))
-    for misfit, slopes in _misfits(sides, rot_12, state, bias):
+    for misfit, slopes, _ in _misfits(sides, rot_12, state, bias):
         error, turned = (_centred(values, even, windows) for values in (misfit, slopes[:, :, _TURN]))
         sigma = max(float(np.quantile(np.linalg.norm(error, axis=1), _LARGE)) / _LENGTH, 1e-12)
         normal += np.add.reduceat(np.einsum("nij,nik->njk", turned, turned), windows, axis=0) / sigma**2
@@ -265,10 +274,15 @@ def _without(sides: _Sides, loose: Floats) -> _Sides:
     return _Sides(*(values[kept] for values in sides))
 
 
-def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list[tuple[Floats, Floats]]:
-    """What the first box measures beyond the second, rates then forces, and its slopes: (n, 3), (n, 3, 20)."""
-    gyro_1, turn_1 = sides.one[:, :3] - bias, sides.one_rate[:, :3]
-    swing = cross_matrix(turn_1) + cross_matrix(gyro_1) @ cross_matrix(gyro_1)
+def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list[tuple[Floats, Floats, Floats]]:
+    """What the first box measures beyond the second, rates then forces, its slopes, and these as the second tells them.
+
+    returns : (n, 3), (n, 3, 20), (n, 3, 20) of rates and of forces
+    """
+    gyro_1 = sides.one[:, :3] - bias
+    gyro_2, turn_2 = (values[:, :3] @ rot_12.T for values in (sides.two, sides.two_rate))
+    swing = _swing(gyro_1, sides.one_rate[:, :3])
+    swing_2 = _swing(gyro_2 - (gyro_2 - gyro_1).mean(axis=0), turn_2)
     found = []
     scales = (_GYRO_SCALE_1, _GYRO_SCALE_2), (_FORCE_SCALE_1, _FORCE_SCALE_2)
     for group, (scale_1, scale_2) in zip((slice(0, 3), slice(3, 6)), scales, strict=True):
@@ -278,9 +292,18 @@ def _misfits(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats) -> list
         slopes[:, :, _CLOCK] = np.stack((rate, rate * sides.t_s[:, None]), axis=-1)
         slopes[:, :, scale_1] = turned[:, :, None] * np.eye(3)
         slopes[:, :, scale_2] = -rot_12 * sides.two[:, None, group]
+        told_by, both = slopes.copy(), 0.5 * (sides.one[:, group] + turned)
+        told_by[:, :, scale_1] = both[:, :, None] * np.eye(3)
+        told_by[:, :, scale_2] = -rot_12 * (both @ rot_12)[:, None]
         if scale_1 == _FORCE_SCALE_1:
-            slopes[:, :, _LEVER] = -swing
+            slopes[:, :, _LEVER], told_by[:, :, _LEVER] = -swing, -swing_2
         linear = [_LEVER, scale_1, scale_2]
         modelled = turned + sum(slopes[:, :, part] @ state[part] for part in linear)
-        found.append((sides.one[:, group] - modelled, slopes))
+        found.append((sides.one[:, group] - modelled, slopes, told_by))
     return found
+
+
+def _swing(gyro: Floats, turn: Floats) -> Floats:
+    """What takes a lever arm to the acceleration along it, w. x + w x (w x): (n, 3, 3)."""
+    across = cross_matrix(gyro)
+    return cross_matrix(turn) + across @ across
