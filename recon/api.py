@@ -71,7 +71,7 @@ class Run:
         return list(self.manifest.get("warnings", []))
 
     def summary(self) -> dict[str, float]:
-        """distance m, duration s, top_speed m/s, stops, warnings; what the run does not tell is left out."""
+        """distance m, duration s, top_speed m/s and its sigma, stops, warnings; without what the run does not tell."""
         found = summarize(self.recording.get("trajectory"), self.recording.get("gnss"), self.events)
         return {**found, "warnings": len(self.warnings)}
 

@@ -219,6 +219,16 @@ class Trajectory:
         return f"<table>{cells}</table>"
 
 
+def speed_sigma(vel: Array, sigma: Array) -> Array:
+    """Sigma (n,) of the magnitude of velocities (n, 3) m/s from those of their axes.
+
+    Below the sigma itself, where directions mean nothing, that of one axis.
+    """
+    speed, one_axis = np.linalg.norm(vel, axis=1), np.linalg.norm(sigma, axis=1) / np.sqrt(3.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(speed > one_axis, np.linalg.norm(vel * sigma, axis=1) / speed, one_axis))
+
+
 def _several(times: Times) -> bool:
     """Is it more than one time?"""
     return isinstance(times, list) or (isinstance(times, np.ndarray) and times.ndim > 0)

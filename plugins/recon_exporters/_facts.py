@@ -3,7 +3,7 @@
     name, recon, pipeline, plan, inputs, outputs   from the manifest
     versions      of Python and the packages on which the numbers rest
     warnings      what the user should know before he believes the result
-    summary       start and end of the run, s; distance, m; top_speed, m/s; stops
+    summary       start and end of the run, s; distance, m; top_speed, m/s, with top_speed_sigma; stops
     sigmas        of the trajectory, one standard deviation: median, p95, max
     residuals     by sensor and component: accepted and rejected ones, mean and rms of the accepted ones in their own
                   unit, rms of value / sigma (1 if the sigmas are true), share beyond two sigma (normal: 4.55 %)

@@ -116,8 +116,10 @@ def _head(facts: Json) -> str:
     ]
     for key, (title, unit) in _TITLES.items():
         if key in summary:
-            kmh = f" ({shown(summary[key] * 3.6)} km/h)" if unit == "m/s" else ""
-            cells.append((title, f"{number(summary[key])} {unit}{kmh}".strip()))
+            sigma = summary.get(f"{key}_sigma")
+            told = f", sigma {number(sigma, sigma)}" if sigma else ""
+            kmh = f" ({shown(3.6 * summary[key], 3.6 * sigma if sigma else None)} km/h)" if unit == "m/s" else ""
+            cells.append((title, f"{number(summary[key], sigma)} {unit}{told}{kmh}".strip()))
     cells.append(("Pipeline", escape(str(pipeline.get("name", "–")))))
     return "<dl>" + "".join(f"<div><dt>{name}</dt><dd>{text}</dd></div>" for name, text in cells) + "</dl>"
 

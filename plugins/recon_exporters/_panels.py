@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from recon.numerics.rotation import to_euler
 from recon.schema import unnumbered
 from recon.tables import Array, has, matrix, meta, schema_of, time_ns, vector
+from recon.trajectory import speed_sigma
 from recon_exporters._style import role_of_fixes
 from recon_exporters._words import words
 
@@ -129,20 +130,13 @@ def _speeds(motions: Sequence[Source]) -> Iterator[Curve]:
         if has(source.table, "vel"):
             vel = matrix(source.table, "vel", gaps=True)
             sigma = (
-                _speed_sigma(vel, matrix(source.table, "vel_std", gaps=True)) if has(source.table, "vel_std") else None
+                speed_sigma(vel, matrix(source.table, "vel_std", gaps=True)) if has(source.table, "vel_std") else None
             )
             yield from _there([_curve(source.name, source.role, source.table, _length(vel), sigma)])
 
 
 def _length(vectors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
-
-
-def _speed_sigma(vel: Array, sigma: Array) -> Array:
-    """Sigma of the magnitude of (n, 3) m/s; below the sigma itself, where directions mean nothing, that of one axis."""
-    speed, one_axis = _length(vel), _length(sigma) / np.sqrt(3.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(speed > one_axis, _length(vel * sigma) / speed, one_axis)
 
 
 def _measured_speeds(streams: Mapping[str, pa.Table]) -> Iterator[Curve]:

@@ -49,4 +49,45 @@ def test_no_stops_are_told_where_nothing_could_look_for_one() -> None:
     )
     assert summarize(line(), None, nothing)["stops"] == summarize(line(), None, crash)["stops"] == 0
     assert "stops" not in summarize(None, None, crash)
+    slow = build(GNSS, time=START_NS + np.arange(3), speed=np.array([3.0, 0.1, 3.0]))
+    assert "stops" not in summarize(None, slow, crash)
+    assert summarize(None, build(GNSS, time=START_NS + np.arange(2), speed=np.ones(2)), crash)["stops"] == 0
     assert summarize(None, None, stop) == {"stops": 1}
+
+
+def driven(speed: np.ndarray, sigma: np.ndarray | float = 0.05) -> pa.Table:
+    """Rows a tenth of a second apart, eastwards."""
+    vel = np.outer(speed, [1.0, 0.0, 0.0])
+    still = from_euler(np.zeros(len(speed)), 0.0, 0.0)
+    columns = {"pos": np.cumsum(vel, axis=0) * 0.1, "vel": vel, "q": still}
+    time = START_NS + np.arange(len(speed)) * 100_000_000
+    return build(TRAJECTORY, time=time, **columns, vel_std=np.outer(np.broadcast_to(sigma, len(speed)), np.ones(3)))
+
+
+def standing(*spans_s: tuple[float, float]) -> pa.Table:
+    return events(Event(START_NS + round(a * 1e9), START_NS + round(b * 1e9), "standstill") for a, b in spans_s)
+
+
+def test_a_slammed_door_ends_no_stop_and_driving_off_does() -> None:
+    speed = np.full(400, 0.02)
+    speed[35:37] = 0.06  # the door
+    assert summarize(driven(speed), None, standing((0.0, 3.0), (4.0, 39.0)))["stops"] == 1
+    speed[200:250] = 0.7  # it rolls back
+    assert summarize(driven(speed), None, standing((0.0, 3.0), (4.0, 19.0), (26.0, 39.0)))["stops"] == 2
+
+
+def test_a_vehicle_that_stands_goes_no_way_and_one_on_a_ferry_does() -> None:
+    speed = np.append(np.full(300, 0.02), np.full(100, 5.0))
+    # the 9 steps behind the standstill count with 0.02 m/s, the 100 that follow with 5 m/s
+    assert summarize(driven(speed), None, standing((0.0, 29.0)))["distance"] == pytest.approx(50.0 + 0.018, abs=1e-9)
+    carried = np.full(100, 5.0)
+    assert summarize(driven(carried), None, standing((0.0, 9.9)))["distance"] == pytest.approx(99 * 0.5)
+
+
+def test_a_top_speed_is_one_that_is_known() -> None:
+    speed, sigma = np.full(100, 20.0), np.full(100, 0.05)
+    speed[50], sigma[50] = 21.0, 2.0  # in a pulse that the sensor clipped
+    speed[70] = 20.2
+    found = summarize(driven(speed, sigma), None)
+    assert found["top_speed"] == 20.2
+    assert found["top_speed_sigma"] == pytest.approx(0.05)
