@@ -175,10 +175,19 @@ def _unknown(path: Path, opinions: list[Opinion], broken: list[str], registry: R
     if path.is_dir():
         return _folder(path, registry)
     head = _head(path)
-    kind, advice = next((told for mark, told in _NO_LOGS.items() if head.startswith(mark)), ("", _CHECK))
+    kind, advice = _kind(head)
     lines = _said([one for one in opinions if one.sniff.confidence > 0] or ([] if kind else opinions))
     what = f"no reader knows this file{', which is ' * bool(kind)}{kind}"
     return UnknownFormat(path, what, hint="\n  ".join([*lines, *broken, advice]))
+
+
+def _kind(head: bytes) -> tuple[str, str]:
+    """What a file is that is no log, "" where that is not known, and what to do."""
+    from recon.evidence import is_seal  # slow import: only when used
+
+    if is_seal(head):
+        return "a sealed run", "'recon inspect' says what it holds; unpack it, and name the log in its folder inputs"
+    return next((told for mark, told in _NO_LOGS.items() if head.startswith(mark)), ("", _CHECK))
 
 
 def _folder(path: Path, registry: Registry) -> ReadFailed:

@@ -20,12 +20,16 @@ if TYPE_CHECKING:
     from recon.registry import Registry
 
 _NO_MAPPING: Final = ", but nothing in it looks like columns of times and measurements"
+_HEAD: Final = 100
+"""Bytes by which a seal is known."""
 GAP: Final = 3.0
 """A step in time above this many times the median one is a gap."""
 
 
 def inspect(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="A log, several of one drive, or a result.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH", help="A log, several of one drive, a result, or a sealed one.")
+    ],
     settings: Settings = None,
     blocked: Blocked = None,
     first_party_only: FirstPartyOnly = False,
@@ -41,6 +45,9 @@ def inspect(
     from recon.pipeline import Pipeline
 
     registry = registry_of(blocked, first_party_only)
+    if len(paths) == 1 and _is_sealed(paths[0]):
+        _tell_sealed(paths[0], as_json=as_json)
+        return
     if len(paths) == 1 and is_there(paths[0]):
         found = api.open(paths[0])
     else:
@@ -61,6 +68,29 @@ def inspect(
         console.write_json(told)
     else:
         console.write(_as_text(told))
+
+
+def _is_sealed(path: Path) -> bool:
+    from recon import evidence
+
+    try:
+        with path.open("rb") as file:
+            return evidence.is_seal(file.read(_HEAD))
+    except (OSError, ValueError):  # whatever it is, no seal: a reader says what is wrong with it
+        return False
+
+
+def _tell_sealed(path: Path, *, as_json: bool) -> None:
+    """What is in a seal, and what can be done with it. Raises Difference where a byte is not as it was sealed."""
+    from recon import evidence
+
+    with evidence.unsealed(path) as (sealed, inputs):
+        told = _described(sealed, [str(path)])
+        told["sealed"] = {"recon": sealed.manifest["recon"], "log": [log.name for log in inputs]}
+        if as_json:
+            console.write_json(told)
+        else:
+            console.write(_as_text(told))
 
 
 def _proposed(paths: list[Path], registry: Registry) -> dict[str, str]:
@@ -158,8 +188,7 @@ def _iso(t_ns: int) -> str:
 def _as_text(told: dict[str, Any]) -> str:
     from recon.rows import WARNING
 
-    head = ", ".join(told["paths"])
-    lines = [f"{head}: result of pipeline '{told['pipeline']}'" if "pipeline" in told else head]
+    lines = _head_lines(told)
     for name, stream in told["streams"].items():
         lines += ["", f"{name}: {_stream_line(stream)}"]
         lines += [f"  {key}: {_fact(value)}" for key, value in stream["facts"].items()]
@@ -172,6 +201,21 @@ def _as_text(told: dict[str, Any]) -> str:
         rows = dict.fromkeys(_learnt(row) for row in told["learnt"] if row["name"] != WARNING)
         lines += ["", "what the reader learnt and assumed", console.table([*rows])]
     return "\n".join([*lines, *[""] * bool(told["warnings"]), *warning_lines(told["warnings"])])
+
+
+def _head_lines(told: dict[str, Any]) -> list[str]:
+    """What it is; of a seal also what can be done with it."""
+    head = ", ".join(told["paths"])
+    if "sealed" not in told:
+        return [f"{head}: result of pipeline '{told['pipeline']}'" if "pipeline" in told else head]
+    of = ", ".join(told["sealed"]["log"]) or "a simulation"
+    about = f"pipeline '{told['pipeline']}' over {of}, sealed with recon {told['sealed']['recon']}"
+    uses = [
+        (f"recon verify {head}", "runs it again and compares each number with what is sealed"),
+        (f"recon explain {head} METRIC", "goes from a number back to the rows of the log"),
+        (f"unzip {head}", "gives the log, the results as files, and a README that explains all"),
+    ]
+    return [f"{head}: {about}; every byte is as the list of hashes in it says", console.table(uses)]
 
 
 def _fact(value: Any) -> str:

@@ -25,7 +25,8 @@ References
 
 from __future__ import annotations
 
+from recon.evidence.contents import is_seal
 from recon.evidence.sealing import Sealed, seal
 from recon.evidence.verification import Verified, unsealed, verify
 
-__all__ = ["Sealed", "Verified", "seal", "unsealed", "verify"]
+__all__ = ["Sealed", "Verified", "is_seal", "seal", "unsealed", "verify"]

@@ -36,8 +36,9 @@ _KEPT: Final = ("python", "packages", "arithmetic")
 """Of a manifest's environment; the rest tells the machine."""
 _REQUIREMENT: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
-_TEXT: Final = """\
-A sealed run of recon {version}: what a vehicle did, computed from the log of its sensors.
+_CALLED: Final = "A sealed run of recon "
+_TEXT: Final = f"""\
+{_CALLED}{{version}}: what a vehicle did, computed from the log of its sensors.
 
 inputs/         the log, byte by byte as it was read
 pipeline.yaml   the steps that were run on it
@@ -53,7 +54,7 @@ To check that nothing was changed, without recon: unpack the archive and run the
 
 To run everything again and compare each number:
 
-    pip install recon-dynamics=={version}
+    pip install recon-dynamics=={{version}}
     recon verify FILE
 
 What this can show, and what it cannot. A changed byte is found, and so is a result that does not follow from the log.
@@ -67,6 +68,14 @@ of that day is shown by its SHA-256 alone, noted where others could see it at th
 def readme() -> Entry:
     """The page that explains the archive."""
     return Entry.of_text(README, _TEXT.format(version=recon.__version__))
+
+
+def is_seal(head: bytes) -> bool:
+    """Does an archive that begins so look like a seal? That it is as it was sealed, only `verify` can tell.
+
+    head : its first 100 bytes, or more
+    """
+    return head.startswith(b"PK") and f"{README}{_CALLED}".encode() in head[:100]
 
 
 def sums(entries: Iterable[Entry]) -> Entry:

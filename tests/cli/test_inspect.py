@@ -87,3 +87,34 @@ def test_a_manifest_of_another_program_does_not_keep_a_folder_from_being_read(cl
     cli("run", "box.yaml", "drive.txt")
     (tmp_path / "drive-box" / "manifest.json").write_text('{"name": "a web page"}')
     assert cli("inspect", "drive-box").code == 0
+
+
+def test_a_sealed_run_is_told_as_such_with_what_can_be_done_with_it(cli: Cli, tmp_path: Path) -> None:
+    cli("run", "box.yaml", "drive.txt")
+    assert cli("seal", "drive-box").code == 0
+    ended = cli("inspect", "drive-box.zip")
+    first, *uses = ended.out.splitlines()[:4]
+    assert first.startswith("drive-box.zip: pipeline 'box' over drive.txt, sealed with recon ")
+    assert [line.split("  ")[1] for line in uses] == [
+        "recon verify drive-box.zip",
+        "recon explain drive-box.zip METRIC",
+        "unzip drive-box.zip",
+    ]
+    assert "imu: 100 rows" in ended.out
+    told = json.loads(cli("inspect", "drive-box.zip", "--json").out)
+    assert (told["sealed"]["log"], told["streams"]["imu"]["rows"]) == (["drive.txt"], 100)
+    as_a_log = cli("run", "box.yaml", "drive-box.zip")
+    assert as_a_log.code == 4
+    assert "which is a sealed run\n  'recon inspect' says what it holds" in as_a_log.err
+
+
+def test_a_changed_seal_is_exit_7(cli: Cli, tmp_path: Path) -> None:
+    cli("run", "box.yaml", "drive.txt")
+    cli("seal", "drive-box")
+    sealed = bytearray((tmp_path / "drive-box.zip").read_bytes())
+    at = sealed.index(b"still 100")
+    sealed[at + 6] = ord("2")
+    (tmp_path / "drive-box.zip").write_bytes(sealed)
+    ended = cli("inspect", "drive-box.zip")
+    assert (ended.code, ended.out) == (7, "")
+    assert ended.err.startswith("error: inputs/1/drive.txt was changed")
