@@ -12,7 +12,7 @@ from recon import Array, Metric, has, time_ns, vector, warning
 from recon.edr import ELEMENTS, SPEED
 from recon.numerics.budget import NORMAL_95
 from recon.numerics.signals import interpolate
-from recon_analyzers._pulse import speed_at
+from recon_analyzers._impact_state import speed_at
 
 Rows = list[dict[str, Any]]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -24,7 +24,6 @@ from recon import (
     quantity,
     setting,
     time_ns,
-    vector,
 )
 from recon.clipping import lost, unrecorded
 from recon.knots import VELOCITY, Knots
@@ -43,12 +42,11 @@ _MOST_RATE: Final = 2000.0
 """Hz; what is faster adds nothing to CFC 60, and is averaged away."""
 _QUIET_S: Final = (1.5, 0.05)
 """s before time zero from which noise is told."""
+_LEAST_QUIET_S: Final = 0.3
+"""s after another crash that tell it."""
 _SMOOTH_S: Final = 0.1
 LINEARITY: Final = 0.004
 """Sigma of the further scale error at the accelerations of an impact; data sheets allow 0.5 % of full scale."""
-_LEANS_S: Final = (0.1, 2.0)
-"""s before and after an impact between which a vehicle may have tipped."""
-_UP: Final = np.array([0.0, 0.0, 1.0])
 _WAKE_UP: Final = (0.8 / 3.6, 0.02)
 """m/s and s, by which time zero is found."""
 
@@ -178,17 +176,21 @@ def _on_grid(grid: Array, t_s: Array, y: Array, step_s: float, every: int) -> Ar
 
 @dataclass(frozen=True)
 class Known:
-    """What a run knows of its accelerations; `doubt` says what may be wrong with a pulse of them."""
+    """What a run knows of its accelerations; `doubt` says what may be wrong with a pulse of them.
+
+    crashes : (start, end) of every crash in ns since 1970, sorted
+    """
 
     motion: Motion
     trajectory: pa.Table | None
     knots: pa.Table | None
     metrics: pa.Table | None
     params: PulseParams
+    crashes: Sequence[tuple[int, int]]
 
     def doubt(self, pulse: Pulse, zero_ns: int) -> Doubt:
         """Sigmas for a pulse with that time zero."""
-        noise, bias = noise_of(self.motion, zero_ns), self._constant(zero_ns)
+        noise, bias = noise_of(self.motion, zero_ns, self.crashes), self._constant(zero_ns)
         facts = meta(self.trajectory) if self.trajectory is not None else {}
         axes, box = self._axes(facts)
         return Doubt(
@@ -238,10 +240,12 @@ class Known:
     def _constant(self, zero_ns: int) -> Array:
         """Sigma of what is constant in the acceleration through the impact: (3,) m/s^2, vehicle.
 
-        Where a smoother tells how well it knows changes of velocity, that over half a second before, for bias and tilt
-        stay through it; else the bias of the class.
+        Where a smoother tells how well it knows changes of velocity, that over half a second before, or since the crash
+        before, for bias and tilt stay through it; else the bias of the class.
         """
         trajectory, since_ns = self.trajectory, zero_ns - round(LEAD_S * 1e9)
+        if (earlier := _last_before(self.crashes, zero_ns)) is not None:
+            since_ns = max(since_ns, earlier[1])
         if trajectory is not None and self.knots is not None and self.knots.num_rows > 1 and has(trajectory, "q"):
             known = Knots.of(self.knots)
             if known.t_ns[0] <= since_ns and zero_ns <= known.t_ns[-1]:
@@ -249,7 +253,8 @@ class Known:
                 row = int(np.searchsorted(time_ns(trajectory), zero_ns).clip(max=trajectory.num_rows - 1))
                 q_vn = conjugate(matrix(trajectory.slice(row, 1), "q")[0])
                 axes = np.stack([rotate(q_vn, axis) for axis in np.eye(3)], axis=1)
-                return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / LEAD_S)
+                lasts_s = (zero_ns - since_ns) * 1e-9
+                return np.asarray(np.sqrt(np.maximum(np.diag(axes @ change @ axes.T), 0.0)) / lasts_s)
         return np.full(3, typical(self.params.sensor_class, "accel_bias"))
 
     def _learnt_sigma(self, name: str) -> float | None:
@@ -261,9 +266,21 @@ class Known:
         return float(known[-1]) if known else None
 
 
-def noise_of(motion: Motion, zero_ns: int) -> Array:
-    """Sigma of each sample before the impact, vibration included: (3,) m/s^2; 0 where there are too few."""
+def _last_before(crashes: Sequence[tuple[int, int]], zero_ns: int) -> tuple[int, int] | None:
+    """The last crash that was over before a time."""
+    return max((span for span in crashes if span[1] < zero_ns), default=None)
+
+
+def noise_of(motion: Motion, zero_ns: int, crashes: Sequence[tuple[int, int]]) -> Array:
+    """Sigma of each sample before the impact, vibration included: (3,) m/s^2; 0 where there are too few.
+
+    Another crash is no noise: samples since then count, or those before it where there are hardly any.
+    """
     since, until = (zero_ns - round(s * 1e9) for s in _QUIET_S)
+    if (earlier := _last_before(crashes, zero_ns)) is not None:
+        if until - earlier[1] < round(_LEAST_QUIET_S * 1e9):
+            return noise_of(motion, earlier[0], crashes)
+        since = max(since, earlier[1])
     part = motion.accel[slice(*np.searchsorted(motion.t_ns, [since, until]))]
     if len(part) < 8:
         return np.zeros(3)
@@ -283,51 +300,3 @@ def _time_sigma(pulse: Pulse, bias: Array, noise: Array) -> float:
     error = np.hypot(window_s * float(bias[:2].max()), float(noise[:2].max()) * np.sqrt(window_s * pulse.step_s))
     steepest = max(slope, change / window_s)
     return float(np.hypot(pulse.step_s / np.sqrt(12.0), error / steepest))
-
-
-def speed_at(trajectory: pa.Table | None, zero_ns: int, knots: pa.Table | None) -> tuple[float, float] | None:
-    """Horizontal speed at a time and its sigma, m/s, NaN where unknown; None where there is no trajectory.
-
-        sigma^2 = u_e^2 s_e^2 + u_n^2 s_n^2 + 2 r u_e u_n s_e s_n,    u along the velocity
-
-    with the correlation r of the nearest knot: without it the sigma would be another one in each direction of travel.
-    """
-    if trajectory is None or not has(trajectory, "vel"):
-        return None
-    t_ns = time_ns(trajectory)
-    if not t_ns[0] <= zero_ns <= t_ns[-1]:
-        return None
-    row = int(np.searchsorted(t_ns, zero_ns))
-    vel = np.array([vector(trajectory.slice(row, 1), f"vel_{axis}", gaps=True)[0] for axis in "en"])
-    speed = float(np.hypot(*vel))
-    if not has(trajectory, "vel_std"):
-        return speed, float("nan")
-    std = np.array([vector(trajectory.slice(row, 1), f"vel_std_{axis}", gaps=True)[0] for axis in "en"])
-    east, north = std * (vel / speed if speed > 0.0 else np.array([1.0, 0.0]))
-    return speed, float(np.sqrt(max(east**2 + north**2 + 2.0 * _correlation(knots, zero_ns) * east * north, 0.0)))
-
-
-def tipped(trajectory: pa.Table | None, span: tuple[int, int]) -> float | None:
-    """By how much the vertical of the vehicle leans otherwise once an impact is over than right before it: rad.
-
-    None where no trajectory tells it. span : ns, of the impact
-    """
-    if trajectory is None or not has(trajectory, "q"):
-        return None
-    t_ns = time_ns(trajectory)
-    rows = np.searchsorted(t_ns, [span[0] - round(_LEANS_S[0] * 1e9), span[1] + round(_LEANS_S[1] * 1e9)])
-    rows = np.clip(rows, 0, len(t_ns) - 1)
-    before, after = (rotate(conjugate(matrix(trajectory.slice(row, 1), "q", gaps=True)[0]), _UP) for row in rows)
-    return float(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after))
-
-
-def _correlation(knots: pa.Table | None, at_ns: int) -> float:
-    """Of the errors of velocity to the East and to the North at the nearest knot; 0 where nothing tells it."""
-    if knots is None or knots.num_rows < 2:
-        return 0.0
-    nearest = int(np.abs(time_ns(knots) - at_ns).argmin())
-    first = min(nearest, knots.num_rows - 2)
-    own = nearest - first
-    (east, both, _), (_, north, _), _ = Knots.of(knots.slice(first, 2)).covariance(own, own)[VELOCITY, VELOCITY]
-    found = both / np.sqrt(east * north)
-    return float(found) if np.isfinite(found) else 0.0

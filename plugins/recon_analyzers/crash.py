@@ -54,7 +54,8 @@ from recon.numerics.channel_class import LEAST_RATE
 from recon.numerics.rotation import conjugate, rotate
 from recon.rows import spans
 from recon_analyzers._crash_measures import OLDEST_DELTA_V_S, measures, time_of_max
-from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at, speed_at, tipped
+from recon_analyzers._impact_state import speed_at, tipped
+from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at
 
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
     "delta_v_long_max": ("km/h", "as 49 CFR 563, but always to 300 ms; forward positive"),
@@ -134,7 +135,7 @@ def analyze_crash(
         return _answer([], [Metric("impacts", 0.0, note=why)])
     pulses = [(span, pulse_at(motion, span[0], imu, events, trajectory, knots)) for span in found]
     impacts = [(span, pulse) for span, pulse in pulses if pulse is not None]
-    known = Known(motion, trajectory, knots, metrics, params)
+    known = Known(motion, trajectory, knots, metrics, params, found)
     told = [(span, pulse, _told(pulse, known.doubt(pulse, span[0]), motion, params)) for span, pulse in impacts]
     if not told:
         return _answer([], [Metric("impacts", 0.0, note="hardly a sample of the imu lies in the crash")])
@@ -315,7 +316,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="crash",
         summary="Delta-V, direction of force, ASI, THIV, PHD, OIV of a crash, with intervals of 95 %.",
-        version=7,
+        version=8,
         params=CrashParams,
         run=analyze_crash,
         reads=NEEDS,

@@ -59,7 +59,8 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.rows import spans
 from recon.schema import Schema
 from recon_analyzers._edr_sheet import Rows, less_gnss, sheet_of, verdict
-from recon_analyzers._pulse import NEEDS, Known, PulseParams, motion_of, pulse_at, speed_at
+from recon_analyzers._impact_state import speed_at
+from recon_analyzers._pulse import NEEDS, Known, PulseParams, motion_of, pulse_at
 
 _SAE: Final = np.array([1.0, -1.0, -1.0])
 """ISO 8855 to SAE J1698."""
@@ -99,7 +100,7 @@ def analyze_edr(
             continue
         pulse = pulse_at(motion, zero_ns, imu, events, trajectory, knots)
         if pulse is not None:
-            known = Known(motion, trajectory, knots, metrics, params)
+            known = Known(motion, trajectory, knots, metrics, params, found)
             rows, largest = _after(pulse, known, number, zero_ns, end_ns)
             after += rows
             learnt += largest
@@ -231,7 +232,7 @@ def declare_analyzers() -> Iterable[Analyzer]:
     yield Analyzer(
         name="edr",
         summary="The table of an event data recorder (49 CFR 563), beside a recorder's own and GNSS.",
-        version=5,
+        version=6,
         params=EdrParams,
         run=analyze_edr,
         reads={

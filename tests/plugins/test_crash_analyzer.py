@@ -15,7 +15,8 @@ from recon.numerics.rotation import from_rotvec, rotate
 from recon.rows import warnings_of
 from recon.schema import IMU, KNOTS, TRAJECTORY, Change
 from recon.tables import Array, Streams, build
-from recon_analyzers._pulse import LINEARITY, speed_at
+from recon_analyzers._impact_state import speed_at
+from recon_analyzers._pulse import LINEARITY
 from recon_analyzers.crash import CrashParams, _speed_of_impact, analyze_crash, declare_analyzers
 from recon_detectors.crash import CrashParams as DetectorParams
 from recon_detectors.crash import crash as detect
@@ -74,6 +75,21 @@ def test_with_several_impacts_the_severest_is_told_and_all_are_listed() -> None:
     assert [round(row["value"] / 3.6, 1) for row in impacts] == [4.0, 9.0]
     assert rows_by_name(found)["delta_v_long_max"]["value"] == pytest.approx(-9.0 * 3.6, rel=1e-3)
     assert rows_by_name(found)["impacts"]["value"] == 2.0
+
+
+@pytest.mark.parametrize("apart_s", [0.4, 1.2])
+def test_a_crash_before_is_no_noise_of_the_one_after(apart_s: float) -> None:
+    """Half a minute later the second one has the same interval."""
+
+    def interval(seconds: float) -> Array:
+        t_s = pulses.times(length_s=60.0)
+        accel = pulses.noisy(pulses.crash(t_s, (-6.0, 0.0)))
+        accel[:, 0] -= pulses.pulse(t_s, pulses.ZERO_S + seconds, 0.1) * 9.0
+        row = rows_by_name(analyzed(t_s, accel))["delta_v_resultant_max"]
+        return np.array([row["low"], row["high"]]) - row["value"]
+
+    # the draws of noise have a tenth, and what was drawn on half a second of samples another
+    assert interval(apart_s) == pytest.approx(interval(30.0), rel=0.3)
 
 
 def test_a_peak_is_told_whole_whose_samples_come_a_little_unevenly() -> None:
