@@ -3,8 +3,8 @@ says.
 
 Elements, units, resolutions and times are those of 49 CFR part 563 (see recon.edr): the speed before time zero, 5 s at
 2 Hz or, by the coming rule, 20 s at 10 Hz; delta-V at 100 Hz to 250 ms or 30 ms after the end of the event; its maxima.
-Values are rounded as the regulation does, sigmas are not; they carry what those of analyzer.crash carry. What an IMU
-cannot know, as the brake's switch, is left out, and so is what lies along an axis that was not measured.
+Values are rounded as the regulation does, and their sigmas hold that beside what those of analyzer.crash carry. What an
+IMU cannot know, as the brake's switch, is left out, and so is what lies along an axis that was not measured.
 
 Time zero of a recorder is its own: tables are laid side by side by the time from it. GNSS lags, by the delay that the
 fuser found; within half a second of the impact a receiver smears what it did, so the speed before is compared up to
@@ -213,11 +213,14 @@ def _of_all(found: list[tuple[int, int]], after: Rows) -> Iterable[Metric]:
 
 
 def _rounded(rows: Rows, params: EdrParams) -> Rows:
-    """In the resolution of each element, where that is asked for; nought without a sign."""
-    if not params.rounded:
-        return rows
-    steps = {name: element.resolution for name, element in ELEMENTS.items()}
-    return [row | {"value": steps[row["element"]] * round(row["value"] / steps[row["element"]]) + 0.0} for row in rows]
+    """In the resolution of each element, where that is asked for; nought without a sign. Sigmas then hold that."""
+    return [_coarse(row, ELEMENTS[row["element"]].resolution) for row in rows] if params.rounded else rows
+
+
+def _coarse(row: dict[str, Any], step: float) -> dict[str, Any]:
+    sigma = row["sigma"]
+    doubt = None if sigma is None else float(np.hypot(sigma, step / np.sqrt(12.0)))
+    return row | {"value": step * round(row["value"] / step) + 0.0, "sigma": doubt}
 
 
 def _table(schema: Schema, rows: Rows) -> pa.Table:

@@ -72,6 +72,20 @@ def test_the_speed_before_is_told_at_the_times_of_the_rule(log: Streams) -> None
     assert min(coming) == -20.0
 
 
+def test_the_sigma_of_a_rounded_value_holds_the_rounding(log: Streams) -> None:
+    """What is even within half a step has the sigma of a twelfth of its square."""
+    coarse, fine = (
+        [row for name in ("edr_pre_crash", "edr_crash") for row in found[name].to_pylist() if row["sigma"] is not None]
+        for found in (analyzed(log), analyzed(log, rounded=False))
+    )
+    for one, other in zip(coarse, fine, strict=True):
+        assert one["sigma"] ** 2 == pytest.approx(other["sigma"] ** 2 + 1.0 / 12.0)
+        assert abs(one["value"] - other["value"]) < 1.96 * one["sigma"]
+    assert any(
+        abs(one["value"] - other["value"]) > 1.96 * other["sigma"] for one, other in zip(coarse, fine, strict=True)
+    )
+
+
 def test_a_speed_that_the_trajectory_does_not_know_is_left_out(log: Streams) -> None:
     zero_ns, _ = spans(log["events"], "crash")[0]
     vel = matrix(log["trajectory"], "vel").copy()
