@@ -15,6 +15,8 @@
 
     attachment manifest.json   what made the run, without its block `environment`
     metadata recon.units       the unit of each column
+    metadata recon.clock       later_s, where a clock of no date began before its zero, as that of a crash test does: so
+                               many s later all times are here, as MCAP knows none before 1970
 
 `vehicle` is x forward, y left, z up; `local` is East, North, Up about the anchor of the trajectory. Streams with
 another anchor are brought there by latitude, longitude and height; without these they are not in space. A further
@@ -32,6 +34,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from pyarrow import compute
 
 from recon import __version__
 from recon.crash_summary import severest_impact
@@ -44,7 +47,7 @@ from recon.recording import Recording
 from recon.schema import unnumbered
 from recon.stages import Exporter
 from recon.storage.json_text import to_json
-from recon.tables import Array, meta, schema_of, select_rows, time_ns
+from recon.tables import Array, meta, replace, schema_of, select_rows, time_ns
 from recon_exporters._mcap_file import Attachment, Channel, write_file
 from recon_exporters._mcap_foxglove import (
     event_channel,
@@ -67,12 +70,11 @@ from recon_exporters._viewers import lanes
 def mcap(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, params: NoParams) -> list[Path]:
     """Write `folder/recording.mcap` and `folder/foxglove_layout.json`; their paths.
 
-    Raises DataError for times before 1970, which MCAP does not know.
+    Raises DataError for dates before 1970, which MCAP does not know.
     """
-    span = Recording(streams).span_ns() or (0, 0)
-    if span[0] < 0:
-        raise DataError("there are times before 1970, which MCAP cannot hold", "set the clock where the log is read")
-    ordered = {name: _in_order(table) for name, table in streams.items()}
+    held, later_s = _after_1970(streams)
+    span = Recording(held).span_ns() or (0, 0)
+    ordered = {name: _in_order(table) for name, table in held.items()}
     manifest = {key: value for key, value in about.manifest.items() if key != "environment"}
     path, layout_path = folder / "recording.mcap", folder / "foxglove_layout.json"
     channels, shown = _for_viewers(ordered, about, span)
@@ -81,11 +83,29 @@ def mcap(*, streams: Mapping[str, pa.Table], folder: Path, about: RunInfo, param
         path,
         channels,
         library=f"recon {__version__}",
-        metadata={"recon.units": _units(streams)},
+        metadata={"recon.units": _units(streams), **({"recon.clock": {"later_s": f"{later_s}"}} if later_s else {})},
         attachments=[Attachment("manifest.json", "application/json", to_json(manifest, indent=1).encode())],
     )
     layout_path.write_bytes(f"{to_json(layout(shown), indent=1)}\n".encode())
     return [path, layout_path]
+
+
+def _after_1970(streams: Mapping[str, pa.Table]) -> tuple[Mapping[str, pa.Table], int]:
+    """The streams, and how many s later they are here: times of no date that begin before their zero are moved on."""
+    first_ns, _ = Recording(streams).span_ns() or (0, 0)
+    if first_ns >= 0:
+        return streams, 0
+    if not any(meta(table).get("clock") == "relative" for table in streams.values()):
+        raise DataError("there are times before 1970, which MCAP cannot hold", "set the clock where the log is read")
+    later_s = -(first_ns // 1_000_000_000)
+    later = pa.scalar(later_s * 1_000_000_000, pa.duration("ns"))
+    return {name: _moved(table, later) for name, table in streams.items()}, later_s
+
+
+def _moved(table: pa.Table, later: pa.Scalar) -> pa.Table:
+    """A table whose times, in every column, are later."""
+    columns = [field.name for field in table.schema if pa.types.is_timestamp(field.type)]
+    return replace(table, **{name: compute.add(table[name], later) for name in columns})
 
 
 def _in_order(table: pa.Table) -> pa.Table:

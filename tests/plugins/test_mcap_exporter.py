@@ -397,6 +397,20 @@ def test_times_before_1970_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_times_of_no_date_that_begin_before_their_zero_are_moved_on_by_whole_seconds_and_it_says_so(tmp_path):
+    """A crash test counts from the contact: its log begins 2.5 s before, its crash at 0."""
+    zero = START_NS / 1e9
+    table = with_meta(drive([-2.5 - zero, 0.0 - zero, 1.0 - zero]), clock="relative")
+    crash = happened((0.0 - zero, 0.1 - zero), kind="crash")
+    path = export(tmp_path, {"trajectory": table, "events": crash})
+    found = decoded(path)
+    assert [log_time for log_time, _ in found["/trajectory"]] == [500_000_000, 3_000_000_000, 4_000_000_000]
+    assert [log_time for log_time, _ in found["/events"]] == [3_000_000_000]
+    with path.open("rb") as file:
+        told = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
+    assert told["recon.clock"] == {"later_s": "3"}
+
+
 def test_rerun_finds_nothing_wrong(tmp_path):
     """Another reader, in another language: `rerun mcap check` decodes every message."""
     path = export(tmp_path, everything())
