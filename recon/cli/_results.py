@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -20,7 +20,7 @@ MOST_WARNINGS: Final = 8
 
 
 @contextmanager
-def accounted(results: Mapping[str, Path], goes_on: str = "") -> Iterator[None]:
+def accounted(results: Mapping[str, Path], goes_on: str = "", tell: Callable[[], None] | None = None) -> Iterator[None]:
     """An error or interruption in the block says which of these results were written before it, by looking.
 
     The block ends with its report to the user: after it, an interruption is too late and is ignored.
@@ -28,6 +28,7 @@ def accounted(results: Mapping[str, Path], goes_on: str = "") -> Iterator[None]:
     results : by what messages call it, the place where a result appears when it is whole
     goes_on : the command that makes what is missing once the first of them is there, followed by the last words of
         what it is called
+    tell : reports the first of them where it is there and something behind it failed
     """
     before = {name: _identity(path) for name, path in results.items()}
     try:
@@ -35,8 +36,11 @@ def accounted(results: Mapping[str, Path], goes_on: str = "") -> Iterator[None]:
         signals.hold()
     except (ReconError, KeyboardInterrupt) as error:
         there = {name: _identity(path) for name, path in results.items()}
-        whole = [f"{name} is complete: {results[name]}" for name in results if there[name] not in (None, before[name])]
-        missing = [name for name in results if there[name] in (None, before[name])]
+        made = [name for name in results if there[name] not in (None, before[name])]
+        missing = [name for name in results if name not in made]
+        whole = [f"{name} is complete: {results[name]}" for name in made]
+        if tell is not None and made[:1] == [*results][:1] and not isinstance(error, StorageError | KeyboardInterrupt):
+            tell()
         if not whole and isinstance(error, StorageError):
             whole = ["nothing of it is kept; the same command begins anew"]
         elif whole and missing and goes_on and isinstance(error, StorageError | KeyboardInterrupt):

@@ -58,8 +58,7 @@ def run(
 
     Example: recon run thesis drive.txt --export csv --set filter.moving_average.window="20 ms"
     """
-    from recon import memory
-    from recon.api import execute
+    from recon import api, memory
     from recon.check import with_span
     from recon.pipeline import Pipeline
 
@@ -70,16 +69,21 @@ def run(
     _check_inputs(found, inputs or ())
     folder = out or default_folder(found.name, inputs or ())
     names = list(dict.fromkeys(exports or ()))
-    with accounted({"the run": folder, **_places(folder, names)}, goes_on=f"recon export {folder}"):
-        with progress() as shown:
-            finished = execute(
-                with_span(found, start, stop), inputs or None, folder, overrides, registry=registry, exports=names,
-                store=store, overwrite=overwrite, progress=shown,
-            )  # fmt: skip
+
+    def tell(finished: api.Run) -> None:
         if as_json:
             console.write_json(as_data(finished))
         else:
             console.write(as_text(finished))
+
+    results, goes_on = {"the run": folder, **_places(folder, names)}, f"recon export {folder}"
+    with accounted(results, goes_on, tell=lambda: tell(api.open(folder))):
+        with progress() as shown:
+            finished = api.execute(
+                with_span(found, start, stop), inputs or None, folder, overrides, registry=registry, exports=names,
+                store=store, overwrite=overwrite, progress=shown,
+            )  # fmt: skip
+        tell(finished)
 
 
 def _places(folder: Path, exports: Sequence[str]) -> dict[str, Path]:

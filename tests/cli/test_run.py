@@ -177,6 +177,11 @@ def test_an_export_that_finds_nothing_to_show_does_not_stop_the_others(cli: Cli,
     assert "  step exporter.kml: no row of trajectory or gnss has a latitude and longitude, which a map needs" in lines
     assert "  the run is complete: drive-box" in lines
     assert entries(tmp_path / "drive-box" / "exports") == {"count"}
+    told = [line.split() for line in ended.out.splitlines()]  # all the same
+    assert ["result", "drive-box"] in told
+    assert ["export", str(Path("drive-box/exports/count/rows.txt"))] in told
+    as_json = cli("run", "box.yaml", "drive.txt", "--export", "map", "--out", "json", "--json")
+    assert (as_json.code, json.loads(as_json.out)["folder"]) == (4, "json")
     without = cli("run", "box.yaml", "drive.txt", "--export", "tum", "--export", "count", "--out", "without")
     assert without.code == 4
     assert "error: step exporter.tum: exporter.tum reads 'trajectory', which no step above gave" in without.err
