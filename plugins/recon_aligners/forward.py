@@ -6,11 +6,15 @@ On straight road the horizontal acceleration lies along x. Over a window of abou
     forward = direction of cov(a, y),    largest over the lag of GNSS
 
 The regression is of a on y and not the reverse, for on straight road the lateral acceleration hardly varies and its
-coefficient would be undetermined. Without GNSS forward is the principal axis of a, signed by the assumption that the
-first motion after a stop is forward.
+coefficient would be undetermined. What leans the road or bends it pulls the direction aside for many windows in a row;
+the sigma takes that of half a minute for one. Without GNSS forward is the principal axis of a, signed by the assumption
+that the first motion after a stop is forward.
 
 References
     Thesis, section 4.5 (horizontal alignment) and 5.2 (first motion is forward).
+    Liang, Zeger (1986), "Longitudinal data analysis using generalized linear models", Biometrika 73(1) (sandwich).
+    Bell, McCaffrey (2002), "Bias reduction in standard errors for linear regression with multi-stage samples", Survey
+    Methodology 28(2), section 3 (jackknife).
 """
 
 from __future__ import annotations
@@ -61,6 +65,8 @@ _TOO_SLOW = (
     "so few tell no motion, whatever the yaw of the box: log imu at 10 Hz or more, or take the pipeline 'gnss', "
     "which needs none"
 )
+LASTING_S = 30.0
+"""Roads lean and bend for less."""
 LAUNCH_S = (-1.0, 3.0)
 """Span about the end of a stop in which the vehicle sets off; detectors fed by a late GNSS tell the end late."""
 
@@ -199,7 +205,7 @@ def _by_speed(windows: Windows, fix_s: Floats, speed: Floats, params: ForwardPar
         later, earlier = interpolate(ends_s.ravel(), fix_s, speed, MAX_GAP_S).reshape(ends_s.shape)
         rate = (later - earlier) / params.window
         known = np.isfinite(rate)
-        found = _regress(windows.accel_l[known], rate[known], params.window, float(lag))
+        found = _regress(Windows(*(part[known] for part in windows)), rate[known], params.window, float(lag))
         if found is not None and (best is None or found.correlation > best.correlation):
             best, best_rate = found, rate[known]
     if best is None:
@@ -217,27 +223,25 @@ def _no_speeds(windows: Windows, fix_s: Floats, speed: Floats) -> NotEnoughData:
     return _not_enough("gnss speeds while imu runs", f"{FEWEST_WINDOWS} from 0 to {until:.0f} s", f"{len(known)}{span}")
 
 
-def _regress(accel_l: Floats, rate: Floats, window: float, lag: float) -> Direction | None:
-    """Direction of cov(accel, rate); None where there is nothing to compare.
-
-    accel_l : (m, 2) m/s^2, level; rate : (m,) m/s^2
-    """
+def _regress(windows: Windows, rate: Floats, window: float, lag: float) -> Direction | None:
+    """Direction of cov(accel, rate); None where there is nothing to compare. rate : (m,) m/s^2"""
     if len(rate) < FEWEST_WINDOWS or np.ptp(rate) == 0.0:
         return None
-    accel_l, rate = accel_l - accel_l.mean(axis=0), rate - rate.mean()
+    accel_l, rate = windows.accel_l - windows.accel_l.mean(axis=0), rate - rate.mean()
     covariance = accel_l.T @ rate / len(rate)
     angle = float(np.arctan2(covariance[1], covariance[0]))
     along, across = _split(accel_l, angle)
     strength = float(np.hypot(*covariance))
     if not strength:
         return None
-    sigma = across.std() * rate.std() / strength / np.sqrt(_independent(len(rate), window))
+    least = across.std() * rate.std() / strength / np.sqrt(_independent(len(rate), window))
+    sigma = max(float(least), _lasting(windows.middle_s, across * rate, along * rate))
     learnt = (
         Metric("gnss_speed_lag", lag, "s", method="best correlation"),
         Metric("accel_per_speed_rate", strength / float(rate.var()), "1", note="1 where units and lag are right"),
     )
     correlation = strength / float(along.std() * rate.std())
-    return Direction(angle, float(sigma), correlation, len(rate), "regression on GNSS speed", learnt)
+    return Direction(angle, sigma, correlation, len(rate), "regression on GNSS speed", learnt)
 
 
 def _by_principal_axis(
@@ -249,10 +253,13 @@ def _by_principal_axis(
     angle = float(np.arctan2(axes[1, 1], axes[0, 1]))
     if _launch(imu, events, angle) < 0.0:
         angle += np.pi
-    sigma = np.sqrt(max(minor, 0.0) / major / _independent(len(accel_l), params.window)) if major else np.pi
-    linearity = float((major - minor) / (major + minor)) if major else 0.0
-    found = Direction(angle, float(sigma), linearity, len(accel_l), "principal axis")
-    return found, _split(accel_l, angle)[0]
+    along, across = _split(accel_l, angle)
+    sigma, linearity = np.pi, 0.0
+    if major > minor:
+        least = np.sqrt(max(minor, 0.0) / major / _independent(len(along), params.window))
+        sigma = max(float(least), _lasting(windows.middle_s, along * across, along**2 - across**2))
+        linearity = float((major - minor) / (major + minor))
+    return Direction(angle, sigma, linearity, len(along), "principal axis"), along
 
 
 def _launch(imu: pa.Table, events: pa.Table | None, angle: float) -> float:
@@ -276,6 +283,21 @@ def _split(accel_l: Floats, angle: float) -> tuple[Floats, Floats]:
     return accel_l @ [cos, sin], accel_l @ [-sin, cos]
 
 
+def _lasting(middle_s: Floats, pulls: Floats, holds: Floats) -> float:
+    """Sigma of a direction, rad, where neighbouring windows pull it aside alike: so half a minute counts as one.
+
+    Each half minute is seen by a direction found without it (sandwich estimate with jackknife).
+
+    middle_s : (m,) s, rising; pulls : (m,) across it, whose sum is zero; holds : (m,) along it, per rad
+    """
+    starts = np.flatnonzero(np.diff(np.floor(middle_s / LASTING_S), prepend=-np.inf))
+    pulled, held = (np.add.reduceat(values, starts) for values in (pulls, holds))
+    total = held.sum()
+    if len(starts) < 2 or np.any(held >= total):
+        return 0.0
+    return float(np.sqrt(np.sum((pulled / (total - held)) ** 2)))
+
+
 def _independent(samples: int, window: float) -> float:
     """Number of windows that do not overlap."""
     return max(1.0, samples * min(STEP_S / window, 1.0))
@@ -287,6 +309,7 @@ def declare_aligners() -> Iterable[Aligner]:
     yield Aligner(
         name="forward",
         summary="Turns the level imu about z so that x is forward, by GNSS speed or the principal axis.",
+        version=2,
         params=ForwardParams,
         reads={
             "imu": IMU.need("accel", "gyro", frame="level", quantity={"accel": "specific_force"}),

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from metric_rows import rows_by_name
+from scipy.signal import lfilter
 
-from recon import GNSS, IMU, Event, build, events, matrix, replace
+from recon import GNSS, IMU, Event, build, events, matrix, replace, time_ns
 from recon.errors import NotEnoughData
 from recon.numerics.motion import rest, s_curve, specific_force, stop_and_go
 from recon.numerics.rotation import from_euler, rotate
@@ -46,6 +47,22 @@ def test_the_yaw_of_the_box_is_found_however_late_gnss_is(yaw_deg, lag_s):
     assert found["mount_yaw"]["sigma"] < 1.0
     # Lags are tried 0.05 s apart.
     assert found["gnss_speed_lag"]["value"] == pytest.approx(lag_s, abs=0.051)
+
+
+@pytest.mark.parametrize("with_speed", [True, False])
+def test_the_sigma_knows_that_the_road_leans_for_many_windows_in_a_row(with_speed):
+    duration_s, over = 300.0, []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        drive = stop_and_go(duration_s, rng)
+        imu = box(drive, duration_s, 0.0, noise=0.1)
+        kept = np.exp(-np.median(np.diff(time_ns(imu))) * 1e-9 / 10.0)  # leans last for 10 s, of 1.5 deg
+        lean = lfilter([np.sqrt(1.0 - kept**2)], [1.0, -kept], 0.25 * rng.standard_normal(imu.num_rows))
+        imu = replace(imu, accel=matrix(imu, "accel") + lean[:, None] * [0.0, 1.0, 0.0])
+        gnss = speed_of(drive, duration_s, sigma=0.05) if with_speed else None
+        found = rows_by_name(forward(imu=imu, gnss=gnss, events=STOP, params=ForwardParams()))["mount_yaw"]
+        over.append(float(np.degrees(wrap_angle(np.radians(found["value"])))) / found["sigma"])
+    assert np.sqrt(np.mean(np.square(over))) < 1.3  # of twenty values of sigma one: once in 37
 
 
 def test_after_it_the_launch_is_along_x():
