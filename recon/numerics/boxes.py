@@ -13,7 +13,7 @@ lever arm, and the scale errors of all twelve sensors, held near zero by what se
 The lever arm is seen through the turn rates of box 1, whose noise, squared, would draw it towards zero. So the slopes
 along it count by those that box 2 tells, whose noise is another one (instrumental variables). Scale errors, seen
 through what box 2 measures, count by the mean of both, whose noise has no part in their difference where boxes are
-alike.
+alike. That is done once clocks fit: before, what one box tells is another time than that of the other.
 
 The biases b may wander: within half a minute both sides count relative to their means, so nothing is learnt from
 gravity through biases that nobody knows, and all from its change. Sigmas come from what each such window adds to the
@@ -60,7 +60,7 @@ _HUBER: Final = 1.345
 _LARGE, _LENGTH = 0.7, 1.9144
 """Share of rows, those of standing among them, whose misfit is below; length of three normal values that it is."""
 _EVEN, _ROUNDS = 6, 24
-"""Rounds in which all rows count alike, until the clocks fit, and again without loose windows; rounds at most."""
+"""Rounds of plain least squares, until the clocks fit, and again without loose windows; rounds at most."""
 _ALIKE, _TOLD = 0.02, 0.01
 """rad; rotations of two windows that are one, and the sigma up to which a window tells its own."""
 _SETTLED: Final = 0.02
@@ -222,7 +222,7 @@ def _step(sides: _Sides, rot_12: Floats, state: Floats, bias: Floats, *, robust:
         kept = _HUBER * np.sqrt(3.0) * sigma / np.maximum(size, 1e-300) if robust else even
         weights = np.minimum(1.0, kept) / sigma**2
         error, partial = (_centred(values, weights, windows) for values in (misfit, slopes))
-        heavy = weights[:, None, None] * _centred(told_by, weights, windows)
+        heavy = weights[:, None, None] * (_centred(told_by, weights, windows) if robust else partial)
         parts += np.add.reduceat(np.einsum("nij,ni->nj", heavy, error), windows, axis=0)
         told += np.stack(
             [
