@@ -22,10 +22,11 @@ _STEP: Final = 17.0
 
 
 class Moment(NamedTuple):
-    """Something at t_s after time zero."""
+    """Something at t_s after time zero, told to two digits of sigma."""
 
     t_s: float
     text: str
+    sigma: float = 0.01
 
 
 def vehicle(pdof: float, low: float | None, high: float | None) -> str:
@@ -125,7 +126,7 @@ def time_line(moments: Sequence[Moment], first_s: float, last_s: float) -> str:
     marks = []
     for moment in reversed(inside):
         x = _LEFT + (moment.t_s - first_s) / (last_s - first_s) * (_RIGHT - _LEFT)
-        text = f"{shown(moment.t_s, 0.01)} s  {moment.text}"
+        text = f"{shown(moment.t_s, moment.sigma)} s  {moment.text}"
         width = LETTER * len(text)
         start = min(x, _RIGHT + 25.0 - width)
         row = next((index for index, left in enumerate(rows) if start + width + 14.0 < left), len(rows))

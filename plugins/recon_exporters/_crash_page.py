@@ -10,11 +10,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from recon.crash_summary import SIGN, severest_impact
 from recon.rounding import in_a_sentence, with_interval
-from recon.tables import has
+from recon.tables import has, matrix, time_ns
 from recon_exporters._chart import Span
 from recon_exporters._crash_drawing import Moment, time_line, vehicle
 from recon_exporters._crash_pulse import pulse_charts
@@ -53,9 +55,12 @@ _OF_A_PLACE: Final = (
 )
 """Of which point the numbers are, and how far they hold of the vehicle."""
 _BEFORE_S, _AFTER_S = -5.0, 5.0
+_AT_REST: Final = 0.1
+"""m/s of a trajectory that stands, which errs by some hundredths."""
+_RESTS_S: Final = 1.0
+"""s; it is told to a tenth, by which it is wrong where a vehicle brakes gently."""
 _KINDS: Final = {
     "harsh_braking": "harsh braking begins",
-    "standstill": "standstill begins",
     "saturation": "the sensor reaches its range",
     "speeding": "speeding begins",
 }
@@ -79,7 +84,7 @@ def crash_page(facts: Json, streams: Mapping[str, pa.Table], spans: list[Span]) 
         drawn = vehicle(direction["value"], direction["low"], direction["high"])
     parts = [
         _sentence(rows),
-        time_line([*_moments(rows, severest, spans)], _BEFORE_S, _AFTER_S),
+        time_line([*_moments(rows, severest, spans), *_rests(streams, severest, spans)], _BEFORE_S, _AFTER_S),
         f'<div class="beside">{drawn}<div class="charts">{pulse_charts(streams, severest, spans)}</div></div>',
         _numbers(rows),
         _ANOTHER,
@@ -156,6 +161,31 @@ def _moments(rows: Mapping[str, Json], crash: Span, spans: Sequence[Span]) -> It
             yield Moment((span.start_ns - crash.start_ns) * 1e-9, _KINDS[span.kind])
         elif span.kind == "crash" and span != crash:
             yield Moment((span.start_ns - crash.start_ns) * 1e-9, "another crash")
+
+
+def _rests(streams: Mapping[str, pa.Table], crash: Span, spans: Sequence[Span]) -> Iterator[Moment]:
+    """When the vehicle came to rest, by the trajectory: a standstill is only told where it is certain, a second later.
+
+    Without a trajectory, when the standstill begins.
+    """
+    trajectory = streams.get("trajectory")
+    moves = _moving(trajectory) if trajectory is not None else np.empty(0, dtype=np.int64)
+    before = None
+    for span in spans:
+        if span.kind != "standstill":
+            continue
+        row = int(np.searchsorted(moves, span.start_ns)) - 1
+        if trajectory is None:
+            yield Moment((span.start_ns - crash.start_ns) * 1e-9, "standstill begins")
+        elif row >= 0 and row != before:
+            yield Moment((int(moves[row]) - crash.start_ns) * 1e-9, "comes to rest", _RESTS_S)
+        before = row
+
+
+def _moving(trajectory: pa.Table) -> NDArray[np.int64]:
+    """Times of rows at which the vehicle is not at rest, ns: (m,)."""
+    speed = np.linalg.norm(matrix(trajectory, "vel", gaps=True), axis=1)
+    return np.asarray(time_ns(trajectory)[speed > _AT_REST])
 
 
 def _numbers(rows: Mapping[str, Json]) -> str:

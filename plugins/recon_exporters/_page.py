@@ -20,6 +20,10 @@ Json = dict[str, Any]
 _TITLES: Final = {"distance": ("Distance", "m"), "top_speed": ("Top speed", "m/s"), "stops": ("Stops", "")}
 _SHORT: Final = 12
 """Cells of so few characters are not broken."""
+_CERTAIN: Final = (
+    '<p class="hint">A standstill is told where it is certain: the vehicle comes to rest about a second before, and '
+    "moves about a second after it. A slammed door parts two of them, which the number of stops counts as one.</p>"
+)
 _ERRORS: Final = (("position", "m"), ("velocity", "m/s"), ("attitude", "°"))
 
 
@@ -154,7 +158,10 @@ def _events(facts: Json) -> str:
         for row in sorted(facts["events"], key=lambda row: row["t_s"])
     )
     head = ("after [s]", "time, UTC", "lasts [s]", "event", "value", "note", "step")
-    return table(head, rows) or ("<p>No events were found.</p>" if "events" in facts["streams"] else "")
+    stands = any(row["kind"] == "standstill" for row in facts["events"])
+    return table(head, rows) + _CERTAIN * stands or (
+        "<p>No events were found.</p>" if "events" in facts["streams"] else ""
+    )
 
 
 def _outages(facts: Json) -> str:

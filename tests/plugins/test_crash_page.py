@@ -15,10 +15,10 @@ from handling_drives import START_NS, trajectory_of
 from recon import Event, Metric, events, metrics
 from recon.manifest import RunInfo
 from recon.schema import IMU, METRICS, by_step
-from recon.tables import build
+from recon.tables import build, matrix, replace
 from recon_exporters._chart import COLUMNS, ROWS, Span
 from recon_exporters._crash_drawing import Moment, time_line, vehicle
-from recon_exporters._crash_page import _TITLES
+from recon_exporters._crash_page import _TITLES, _rests
 from recon_exporters._crash_pulse import pulse_charts
 from recon_exporters.report import ReportParams, report
 
@@ -204,9 +204,24 @@ def test_the_time_line_holds_what_is_near_in_its_order(tmp_path):
         Event(ns(1.0), ns(2.0), "standstill"),
     ]
     text = section(made(tmp_path, happened))
-    words = ["harsh braking begins", "time zero, 72.0 km/h", "largest delta-V", "end of event", "standstill begins"]
+    words = ["harsh braking begins", "time zero, 72.0 km/h", "largest delta-V", "end of event"]
     assert [text.index(word) for word in words] == sorted(text.index(word) for word in words)
-    assert text.count("standstill begins") == 1
+
+
+def test_a_vehicle_comes_to_rest_when_its_speed_does_and_not_when_that_is_certain(tmp_path):
+    """A slammed door parts the standstill; without a trajectory nothing but the standstill is known."""
+    happened = [Event(ns(CRASH_S[0]), ns(CRASH_S[1]), "crash", DELTA_V, "km/h")]
+    happened += [Event(ns(begin), ns(end), "standstill") for begin, end in ((1.0, 2.0), (23.5, 24.0), (25.0, 29.0))]
+    motion = pulse()
+    vel = matrix(motion, "vel")
+    vel[np.arange(len(vel)) > 2200] = 0.02  # from 22 s on
+    vel[2450:2455] = 0.05
+    text = section(made(tmp_path, happened, trajectory=replace(motion, vel=vel)))
+    assert "2.0 s  comes to rest" in text
+    assert (text.count("comes to rest"), text.count("standstill")) == (1, 0)
+    assert [*_rests({}, Span(ns(20.0), ns(20.1), "crash"), [Span(ns(23.5), ns(24.0), "standstill")])] == [
+        Moment(3.5, "standstill begins")
+    ]
 
 
 def test_labels_of_the_time_line_do_not_overlap_nor_do_their_lines_cross_them():
