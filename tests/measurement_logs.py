@@ -30,7 +30,7 @@ CHANNELS: Final[dict[str, Any]] = {
 }
 
 
-def mf4(path: Path, seconds: float = 1.0, start: datetime = START) -> Path:
+def mf4(path: Path, seconds: float = 1.0, start: datetime = START, version: Any = "4.10") -> Path:
     """Write the file; its groups are 0 the IMU, 1 the wheels, 2 the receiver."""
     from asammdf import MDF, Signal
 
@@ -41,10 +41,31 @@ def mf4(path: Path, seconds: float = 1.0, start: datetime = START) -> Path:
     accel = {f"Acc{axis}": (value, "g") for axis, value in zip("XYZ", ACCEL_G, strict=True)}
     gyro = {f"Rate{axis}": (value, "deg/s") for axis, value in zip("XYZ", GYRO_DEG, strict=True)}
     place = {"Lat": (LAT, "deg"), "Lon": (LON, "deg"), "Alt": (HEIGHT, "m"), "Speed": (SPEED_KMH, "km/h")}
-    with MDF(version="4.10") as file:
+    with MDF(version=version) as file:
         file.header.start_time = start
         file.append(group(100, {**accel, **gyro}))
         file.append(group(50, {"Speed": (SPEED_KMH, "km/h")}))
         file.append(group(5, place))
         file.save(path, overwrite=True)
+    return path
+
+
+def left_open(path: Path) -> Path:
+    """The file as a recorder leaves it that loses its power: its last block has no length."""
+    data = bytearray(path.read_bytes())
+    groups, blocks = [], []
+    group = int.from_bytes(data[88:96], "little")  # the header's first link
+    while group:
+        groups.append(group)
+        group = int.from_bytes(data[group + 24 : group + 32], "little")
+    for group in groups:  # data blocks behind all others, the last one without its length
+        at = int.from_bytes(data[group + 40 : group + 48], "little")
+        length = int.from_bytes(data[at + 8 : at + 16], "little")
+        data += bytes(-len(data) % 8)
+        data[group + 40 : group + 48] = len(data).to_bytes(8, "little")
+        blocks.append(len(data))
+        data += data[at : at + length]
+    data[blocks[-1] + 8 : blocks[-1] + 16] = (24).to_bytes(8, "little")
+    data[:8], data[60:62] = b"UnFinMF ", (4).to_bytes(2, "little")
+    path.write_bytes(data)
     return path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 from pydantic import model_validator
 
@@ -11,6 +11,8 @@ from recon.parameters import setting
 from recon_readers import _csv_mapping as columns
 from recon_readers._mapping_parts import Part, Time
 
+_OF_TABLES: Final = ("time", "file", "valid", "keep", "same_time")
+"""Keys of a stream of `reader.csv` that mean nothing here."""
 Stream: TypeAlias = columns.Stream
 
 
@@ -52,6 +54,15 @@ class Channels(Part):
     def _not_empty(self) -> Channels:
         if not any(True for _ in self.streams()):
             raise ValueError(f"no stream is named; there are {', '.join(self.kinds)}")
+        return self
+
+    @model_validator(mode="after")
+    def _of_channels(self) -> Channels:
+        for stream in self.streams():
+            given = [key for key in _OF_TABLES if getattr(stream, key) != type(stream).model_fields[key].default]
+            given += [f"{group}.file" for group, source in stream.sources.items() if source.file]
+            if given:
+                raise ValueError(f"'{stream.stream}.{given[0]}' means something in tables of text only: leave it out")
         return self
 
     def streams(self) -> Iterator[Stream]:

@@ -12,6 +12,7 @@ import atexit
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,7 +20,9 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from importlib.util import find_spec
+from io import BufferedRandom, BufferedReader
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,42 +40,51 @@ LONGEST_S: Final = 60.0
 """For any file; and a second more for each of these:"""
 BYTES_PER_S: Final = 2e6
 _LATEST_NS: Final = 4_200_000_000 * NS
+_HOUR_NS: Final = 3_600 * NS
+_LOCAL, _OFFSET_VALID = 1, 2
+"""Flags of the start time of MDF 4: it is local time; its zone is told."""
+_TIME: Final = 1
+"""Kind of master channel of MDF 4; others are angles, distances and numbers of rows. MDF 3 knows only time."""
 _COPY: Final = "check that it is whole: copy it again, or repair it"
 _idle: list[subprocess.Popen[bytes]] = []
 """Processes that wait for a file."""
 _JOB, _ABOUT, _CHANNELS, _TIMES = "job.json", "about.json", "channel-{}.npy", "times-{}.npy"
+_COMPLETED: Final = "completed.mf4"
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A channel: (n,) ns after the start, (n,) numbers, and what the file calls it and its unit."""
+    """A channel: (n,) ns after the start, (n,) numbers, what the file calls it, and its unit, "" where none."""
 
     t_ns: Times
     values: Array
     label: str
+    unit: str
 
 
 @dataclass(frozen=True)
 class Measurement:
     """What a file tells, and the channels that were asked for.
 
-    start_ns : ns since 1970; flags : of the start time, as MDF numbers them
+    start_ns : ns since 1970, UTC; local : it is local time of a zone that the file does not tell
+    closed : the recorder finished the file
     groups : of each its number of rows and the names and units of its channels
     """
 
     start_ns: int
-    flags: int
+    local: bool
+    closed: bool
     groups: Sequence[tuple[int, Sequence[tuple[str, str]]]]
     _folder: Path
-    _channels: Mapping[str, tuple[str, str, str]]
+    _channels: Mapping[str, tuple[str, str, str, str]]
     _times: dict[str, Times] = field(default_factory=dict)
 
     def signal(self, reference: str) -> Signal:
         """A channel that was asked for. Channels of one raster share their times."""
-        label, times, values = self._channels[reference]
+        label, unit, times, values = self._channels[reference]
         if times not in self._times:
             self._times[times] = np.load(self._folder / times, allow_pickle=False)
-        return Signal(self._times[times], np.load(self._folder / values, allow_pickle=False), label)
+        return Signal(self._times[times], np.load(self._folder / values, allow_pickle=False), label, unit)
 
 
 @contextmanager
@@ -95,7 +107,8 @@ def measurement(path: Path, references: Sequence[str]) -> Iterator[Measurement]:
         about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
         if "refused" in about:
             raise ReadFailed(path, about["refused"], hint=about["hint"])
-        yield Measurement(about["start_ns"], about["flags"], about["groups"], folder, about["channels"])
+        channels = about.pop("channels")
+        yield Measurement(**about, _folder=folder, _channels=channels)
 
 
 def _run(path: Path, folder: Path, longest: float) -> None:
@@ -179,8 +192,8 @@ def _found(folder: Path) -> dict[str, Any]:
     from asammdf import MDF
 
     try:
-        with Path(job["path"]).open("rb") as opened, MDF(opened) as file:
-            about = _about(file)
+        with _opened(Path(job["path"]), folder) as opened, MDF(opened) as file:
+            about = {**_about(file), "closed": opened.mode == "rb"}
             rasters: dict[int, tuple[Times, str]] = {}
             channels = {ref: _channel(file, ref, folder, n, rasters) for n, ref in enumerate(job["references"])}
             return {**about, "channels": channels}
@@ -190,21 +203,59 @@ def _found(folder: Path) -> dict[str, Any]:
         return {"refused": f"asammdf cannot read it ({type(error).__name__})", "hint": _COPY}
 
 
+def _opened(path: Path, folder: Path) -> BufferedReader | BufferedRandom:
+    """The file, or a copy in which asammdf completes what a recorder left open when it lost its power."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    if head[8:9] < b"4" or not any(head[60:62]):
+        return path.open("rb")
+    shutil.copyfile(path, folder / _COMPLETED)
+    return (folder / _COMPLETED).open("r+b")
+
+
 def _about(file: Any) -> dict[str, Any]:
-    start_ns = int(getattr(file.header, "abs_time", 0) or int(file.header.start_time.timestamp()) * NS)
+    start_ns, local = _start(file)
     if abs(start_ns) > _LATEST_NS:
         raise _Refused("it begins at a time that no clock shows", _COPY)
     groups = [
         (int(group.channel_group.cycles_nr), [(c.name, getattr(c, "unit", "") or "-") for c in group.channels])
         for group in file.groups
     ]
-    return {"start_ns": start_ns, "flags": int(getattr(file.header, "time_flags", 1)), "groups": groups}
+    return {"start_ns": start_ns, "local": local, "groups": groups}
+
+
+def _start(file: Any) -> tuple[int, bool]:
+    """Start of the measurement, ns since 1970, and whether it is local time of a zone that the file does not tell.
+
+    MDF 4 counts in UTC or says that it does not. MDF 3 counts in local time, from 3.20 on in ns and with its hours
+    before UTC, where 0 is also what stands there when nobody set it. asammdf writes UTC in place of the local time.
+    """
+    header = file.header
+    if hasattr(header, "time_flags"):
+        return int(header.abs_time), bool(header.time_flags & _LOCAL and not header.time_flags & _OFFSET_VALID)
+    clock_ns = _clock_ns(header)
+    local_ns, hours = (int(getattr(header, name, 0)) for name in ("abs_time", "tz_offset"))
+    if not local_ns or not hours:
+        return local_ns or clock_ns, True
+    ahead = int((clock_ns - local_ns // NS * NS) / _HOUR_NS)
+    is_utc = ahead == hours and file.identification.program_identification.startswith(b"amdf")
+    return (local_ns if is_utc else local_ns - hours * _HOUR_NS), False
+
+
+def _clock_ns(header: Any) -> int:
+    """Date and time of day of an MDF 3 file as if they were UTC, ns since 1970; 0 where they are none."""
+    try:
+        text = f"{header.date.decode()} {header.time.decode()}".replace("\0", "").strip()
+        moment = datetime.strptime(text, "%d:%m:%Y %H:%M:%S").replace(tzinfo=UTC)
+    except ValueError:
+        return 0
+    return int(moment.timestamp()) * NS
 
 
 def _channel(
     file: Any, reference: str, folder: Path, index: int, rasters: dict[int, tuple[Times, str]]
-) -> tuple[str, str, str]:
-    """Write a channel; what the file says of it, and the names of its times and values.
+) -> tuple[str, str, str, str]:
+    """Write a channel; what the file says of it, its unit, and the names of its times and values.
 
     rasters : times that were written, and their names, by group
     """
@@ -217,7 +268,9 @@ def _channel(
     if len({group for group, _ in places}) > 1:
         groups = ", ".join(f"'{name}@{group}'" for group, _ in places)
         raise _Refused(f"several groups have a channel '{name}'", f"write one of {groups}")
-    signal = file.get(group=places[0][0], index=places[0][1])
+    group = places[0][0]
+    _refuse_untimed(file, group)
+    signal = file.get(group=group, index=places[0][1])
     if signal.samples.dtype.kind not in "iufb" or signal.samples.ndim != 1:
         raise _Refused(f"the channel '{reference}' holds no single numbers", "choose another channel")
     seconds = np.asarray(signal.timestamps, dtype=np.float64)
@@ -225,11 +278,22 @@ def _channel(
     values = _CHANNELS.format(index)
     np.save(folder / values, kept(signal.samples.astype(np.float64), sane), allow_pickle=False)
     t_ns = np.round(kept(seconds, sane) * NS).astype(np.int64)
-    group = places[0][0]
     if group not in rasters or not np.array_equal(t_ns, rasters[group][0]):  # samples may be invalid in one channel
         rasters[group] = t_ns, _TIMES.format(index)
         np.save(folder / rasters[group][1], t_ns, allow_pickle=False)
-    return f"{name} [{signal.unit or '-'}] of group {group}", rasters[group][1], values
+    unit = signal.unit or ""
+    return f"{name} [{unit or '-'}] of group {group}", unit, rasters[group][1], values
+
+
+def _refuse_untimed(file: Any, group: int) -> None:
+    """Where a group's rows have no times, asammdf gives their numbers, or the distance or angle at which they were."""
+    home = getattr(file.groups[group].channel_group, "cg_master_index", None)
+    home = group if home is None else home
+    index = file.masters_db.get(home)
+    if index is not None and getattr(file.groups[home].channels[index], "sync_type", _TIME) == _TIME:
+        return
+    instead = f": its rows count by '{file.groups[home].channels[index].name}'" if index is not None else ""
+    raise _Refused(f"group {group} has no channel of time{instead}", "choose a channel of another group")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from recon.rows import Metric, metrics, warning
 from recon.schema import STREAMS, Schema, spread
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.tables import Array, Streams, with_meta
-from recon.units import convert
+from recon.units import UnitError, convert, parse_unit
 from recon.utc import zone_ns
 from recon_readers._arrays import interleave
 from recon_readers._csv_mapping import gnss_facts, schemas
@@ -54,8 +54,6 @@ if TYPE_CHECKING:  # it starts processes, and what that needs takes its time
     from recon_readers._mf4_file import Measurement
 
 _MAGIC: Final = (b"MDF     ", b"UnFinMF ")
-_LOCAL, _OFFSET_VALID = 1, 2
-"""Flags of the start time: it is local time; its zone is told."""
 _MOST_LISTED: Final = 40
 _ZONE: Final = r"|[+-]\d\d:[0-5]\d"
 
@@ -109,7 +107,9 @@ def read(path: Path, params: Mf4Params, wanted: Wanted = EVERYTHING) -> Streams:
 def _start(file: Measurement, params: Mf4Params) -> tuple[int, dict[str, str], list[Metric]]:
     """Start of the measurement, ns since 1970; facts of the clock."""
     start_ns, scale, learnt = file.start_ns, "UTC", []
-    if file.flags & _LOCAL and not file.flags & _OFFSET_VALID:
+    if not file.closed:
+        learnt.append(warning("the recorder did not close the file: what it holds is read as far as it goes"))
+    if file.local:
         zone = params.zone_ns
         if zone is None:
             scale = "local"
@@ -146,6 +146,7 @@ def _group(file: Measurement, mapping: Stream, group: str, learnt: list[Metric])
         signs = (1.0, 1.0, 1.0)
     down = isinstance(source, Accel) and source.at_rest == "down"
     found, told = {}, []
+    units: dict[str, str] = {}  # with the first channel of each
     for name, index, sign in zip(names, axes, signs, strict=True):
         signal = file.signal(str(source.references[index]))
         values = signal.values
@@ -157,8 +158,23 @@ def _group(file: Measurement, mapping: Stream, group: str, learnt: list[Metric])
         learnt += sorted_out
         found[name] = signal.t_ns[rows], values[rows]
         told.append(signal.label)
-    learnt.append(Metric(f"channel_{group}", method=mapping.stream, note=f"{', '.join(told)}, taken for {source.unit}"))
+        units.setdefault(signal.unit, signal.label)
+    taken = source.unit or unit or "1"
+    learnt.append(Metric(f"channel_{group}", method=mapping.stream, note=f"{', '.join(told)}, taken for {taken}"))
+    if source.scale == 1.0:
+        doubted = [label for given, label in units.items() if _is_other(given, taken)]
+        learnt += [warning(f"{label}, where the mapping says {taken}: which of the two is right?") for label in doubted]
     return found
+
+
+def _is_other(given: str, taken: str) -> bool:
+    """Is it a unit that recon knows, and of another size than the one that it is taken for?"""
+    try:
+        known = parse_unit(given)
+    except UnitError:
+        return False
+    other = parse_unit(taken)
+    return known.dimension != other.dimension or not np.isclose(known.scale, other.scale, rtol=1e-6, atol=0.0)
 
 
 def _facts(mapping: Stream) -> dict[str, str]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+from datetime import timedelta, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import measurement_logs as made
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
+from pydantic import ValidationError
 
 import recon
 import recon_readers.mf4
@@ -18,6 +22,12 @@ from recon.stages import EVERYTHING, Wanted
 from recon.tables import matrix, meta, time_ns, vector
 from recon_readers import _mf4_file
 from recon_readers.mf4 import Mf4Params
+
+READ: Final = ("imu", "wheel", "gnss")
+WHEEL: Final = {"wheel": {"speed": {"column": "Speed", "unit": "km/h"}}}
+HOUR_NS: Final = 3_600 * 10**9
+HEADER_3: Final = 64
+"""Byte of the header of an MDF 3 file."""
 
 
 @pytest.fixture(scope="module")
@@ -120,6 +130,71 @@ def test_a_process_that_was_broken_before_is_replaced(drive: Path) -> None:
     _mf4_file._idle[-1].kill()
     _mf4_file._idle[-1].wait()
     assert set(read(drive, made.CHANNELS)) == {"imu", "wheel", "gnss", "metrics"}
+
+
+def test_a_file_that_its_recorder_left_open_is_read_as_far_as_it_goes(drive: Path, tmp_path: Path) -> None:
+    path = made.left_open(Path(shutil.copy(drive, tmp_path / "open.mf4")))
+    before = path.read_bytes()
+    streams = read(path, made.CHANNELS)
+    whole = read(drive, made.CHANNELS)
+    assert all(streams[name].equals(whole[name]) for name in READ)
+    assert any("the recorder did not close the file" in text for text in warnings_of(streams["metrics"]))
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(("kind", "name"), [(2, "angle"), (3, "distance"), (4, "index")])
+def test_rows_that_do_not_count_by_time_are_refused(tmp_path: Path, kind: int, name: str) -> None:
+    path = tmp_path / "angle.mf4"
+    with MDF(version="4.10") as file:
+        file.append([Signal(np.ones(9), np.arange(9.0), name="Speed", unit="km/h", master_metadata=(name, kind))])
+        file.save(path)
+    with pytest.raises(ReadFailed, match=f"group 0 has no channel of time: its rows count by '{name}'"):
+        read(path, WHEEL)
+
+
+def test_a_unit_of_the_file_that_is_not_that_of_the_mapping_is_doubted(drive: Path) -> None:
+    wheel = {"wheel": {"speed": {"column": "Speed@1", "unit": "m/s"}}}
+    told = warnings_of(read(drive, wheel)["metrics"])
+    assert told == ["Speed [km/h] of group 1, where the mapping says m/s: which of the two is right?"]
+    assert not warnings_of(read(drive, made.CHANNELS)["metrics"])
+
+
+def test_keys_that_mean_nothing_here_are_refused() -> None:
+    for key, value in {"keep": "changes", "file": "*wheel*", "valid": {"column": "Ok", "values": [1]}}.items():
+        with pytest.raises(ValidationError, match=f"'wheel.{key}' means something in tables of text only"):
+            Mf4Params(channels={"wheel": {**WHEEL["wheel"], key: value}})
+
+
+# --- starts of MDF 3 ------------------------------------------------------------------------------------------------
+
+
+def mdf3(path: Path, version: str, hours: int) -> Path:
+    return made.mf4(path, start=made.START.astimezone(timezone(timedelta(hours=hours))), version=version)
+
+
+def test_a_start_without_a_zone_does_not_depend_on_that_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mdf3(tmp_path / "old.mdf", "3.00", hours=2)
+    for zone in ("UTC", "America/New_York"):
+        monkeypatch.setenv("TZ", zone)
+        _mf4_file._end_all()
+        table = read(path, made.CHANNELS)["wheel"]
+        assert (time_ns(table)[0], meta(table)["time_scale"]) == (made.START_NS + 2 * HOUR_NS, "local")
+        assert time_ns(read(path, made.CHANNELS, zone="+02:00")["wheel"])[0] == made.START_NS
+    _mf4_file._end_all()  # for what follows, those of another zone
+
+
+def test_a_zone_that_the_file_tells_is_used(tmp_path: Path) -> None:
+    path = mdf3(tmp_path / "new.mdf", "3.30", hours=-5)  # asammdf writes UTC beside the zone
+    table = read(path, made.CHANNELS)["wheel"]
+    assert (time_ns(table)[0], meta(table)["time_scale"]) == (made.START_NS, "UTC")
+    data = bytearray(path.read_bytes())
+    at = HEADER_3 + 164  # as other programs write it: local time, in ns
+    assert int.from_bytes(data[at : at + 8], "little") == made.START_NS
+    data[at : at + 8] = (made.START_NS - 5 * HOUR_NS).to_bytes(8, "little")
+    path.write_bytes(data)
+    assert time_ns(read(path, made.CHANNELS)["wheel"])[0] == made.START_NS
 
 
 # --- real files -----------------------------------------------------------------------------------------------------
