@@ -10,7 +10,7 @@
     errors        against the stream `reference`, as `recon evaluate` gives them; null without one
     metrics       every row: what the steps estimated, learnt and assumed
     events        every row, with its time in s after the start
-    outages       GNSS that is silent, from the row before to the row after
+    outages       GNSS that is silent, from the row before to the row after, also where the run begins or ends so
     streams       rows and facts of each stream
 
 Times are ISO 8601 with nanoseconds; numbers that are not known are null.
@@ -73,7 +73,9 @@ def facts_of(streams: Mapping[str, pa.Table], about: RunInfo, max_gap: float) ->
         "errors": _errors(streams),
         "metrics": _rows(streams.get("metrics")),
         "events": [{"t_s": (row.pop("t_ns") - start) * 1e-9, **row} for row in _events(streams.get("events"))],
-        "outages": [{"t_s": (gap.pop("t_ns") - start) * 1e-9, **gap} for gap in _outages(streams, max_gap)],
+        "outages": [
+            {"t_s": (gap.pop("t_ns") - start) * 1e-9, **gap} for gap in _outages(streams, max_gap, (start, end))
+        ],
         "streams": {name: {"rows": table.num_rows, "facts": meta(table)} for name, table in streams.items()},
     }
     finite: Json = _finite(found)
@@ -158,21 +160,20 @@ def _events(events: pa.Table | None) -> Iterator[Json]:
         }
 
 
-def _outages(streams: Mapping[str, pa.Table], max_gap: float) -> Iterable[Json]:
+def _outages(streams: Mapping[str, pa.Table], max_gap: float, run_ns: tuple[int, int]) -> Iterable[Json]:
     for name, table in streams.items():
         if unnumbered(name) == "gnss" and table.num_rows:
             t_ns = time_ns(table)
-            steps = np.diff(t_ns)
-            longest = max(max_gap * 1e9, _USUAL_STEPS * float(np.median(steps))) if len(steps) else 0.0
-            for row in np.flatnonzero(steps > longest).tolist():
+            usual = np.median(np.diff(t_ns)) if len(t_ns) > 1 else 0.0
+            t_ns = np.concatenate([run_ns[:1], t_ns, run_ns[1:]])
+            for row in np.flatnonzero(np.diff(t_ns) > max(max_gap * 1e9, _USUAL_STEPS * usual)).tolist():
                 first, last = int(t_ns[row]), int(t_ns[row + 1])
-                lasts = (last - first) * 1e-9
                 yield {
                     "t_ns": first,
                     "stream": name,
                     "time": moment(first),
                     "end_time": moment(last),
-                    "duration": lasts,
+                    "duration": (last - first) * 1e-9,
                 }
 
 

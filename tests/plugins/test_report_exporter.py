@@ -152,6 +152,12 @@ def test_numbers_in_the_json_are_those_of_the_streams(tmp_path):
     assert data["errors"]["position"]["total"]["max"] == 0.0
 
 
+def test_gnss_that_comes_late_or_is_lost_until_the_end_is_an_outage(tmp_path):
+    streams = run_of()
+    _, data = export(tmp_path, {**streams, "gnss": streams["gnss"].slice(5, 10)})
+    assert [(gap["t_s"], gap["duration"]) for gap in data["outages"]] == [(0.0, 5.0), (14.0, 46.0)]
+
+
 def test_curves_read_back_as_the_rows_of_the_stream(tmp_path):
     streams = run_of()
     page = Page(export(tmp_path, streams)[0])
