@@ -21,6 +21,7 @@ from recon.hookspecs import hookimpl
 from recon.manifest import RunInfo
 from recon.parameters import Params, quantity
 from recon.recording import Recording
+from recon.rounding import rounded
 from recon.stages import Exporter
 from recon.storage.json_text import to_json
 from recon.tables import time_ns
@@ -39,6 +40,10 @@ _AFTER: Final = 3_000_000_000
 _SHORTEST: Final = 1_000_000
 """Span of a chart, ns."""
 _MOST_CRASHES: Final = 6
+_DELAYS: Final = ("gnss_delay", "gnss_velocity_delay")
+"""That of fixes, and by how much that of speeds is longer, s."""
+_LEAST_DELAY_S: Final = 0.05
+"""Less shows in no chart."""
 
 
 class ReportParams(Params):
@@ -73,7 +78,7 @@ def _drawings(
     start = recorded[0]
     lasts = [int(curve.t_ns[-1]) for panel in panels for curve in panel.curves]
     whole = Window(start, max([*lasts, start + _SHORTEST]), start)
-    charts = events_key(spans) + "".join(figure(panel, whole, spans, max_gap) for panel in panels)
+    charts = _late(facts) + events_key(spans) + "".join(figure(panel, whole, spans, max_gap) for panel in panels)
     findings = findings_section(findings_in(streams.get("metrics")), _start_of_evidence(streams, start))
     parts = [
         ("The crash", crash_page(facts, streams, spans)),
@@ -83,6 +88,19 @@ def _drawings(
         ("Crashes, closer", _closeups(panels, spans, whole, max_gap)),
     ]
     return parts, _notes(whole, panels)
+
+
+def _late(facts: dict[str, Any]) -> str:
+    """That GNSS is drawn when it came, where the fuser found that to be later than what it tells; "" elsewhere."""
+    found = {row["name"]: row for row in facts["metrics"] if row["name"] in _DELAYS and row["value"] is not None}
+    seconds = sum(row["value"] for row in found.values())
+    sigma = max((row["sigma"] or 0.0 for row in found.values()), default=0.0)
+    if seconds <= max(2.0 * sigma, _LEAST_DELAY_S):
+        return ""
+    return (
+        f'<p class="hint">GNSS is drawn at its own times. Its speeds come {rounded(seconds, sigma)} s (± sigma '
+        f"{rounded(sigma, sigma)} s) late, which the trajectory makes up for.</p>"
+    )
 
 
 def _start_of_evidence(streams: Mapping[str, pa.Table], start: int) -> int:

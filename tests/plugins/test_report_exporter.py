@@ -158,6 +158,16 @@ def test_gnss_that_comes_late_or_is_lost_until_the_end_is_an_outage(tmp_path):
     assert [(gap["t_s"], gap["duration"]) for gap in data["outages"]] == [(0.0, 5.0), (14.0, 46.0)]
 
 
+def test_gnss_that_is_late_is_said_to_be_drawn_so(tmp_path):
+    delays = [Metric("gnss_delay", 0.3, "s", 0.07), Metric("gnss_velocity_delay", 0.1, "s", 0.02)]
+    assert (
+        "Its speeds come 0.400 s (± sigma 0.070 s) late"
+        in export(tmp_path, {**run_of(), "metrics": metrics(delays)})[0]
+    )
+    unsure = [Metric("gnss_delay", 0.1, "s", 0.07)]
+    assert "late, which" not in export(tmp_path, {**run_of(), "metrics": metrics(unsure)})[0]
+
+
 def test_curves_read_back_as_the_rows_of_the_stream(tmp_path):
     streams = run_of()
     page = Page(export(tmp_path, streams)[0])
