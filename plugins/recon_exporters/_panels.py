@@ -2,7 +2,8 @@
 
     speed                              from trajectories, GNSS, wheels and references; sigma of the speed v, for
                                        velocities v_i with independent sigmas s_i:  sqrt(sum((v_i s_i)^2)) / v
-    height, roll, pitch, heading       of trajectories and references
+    height                             of trajectories and references; where there are none, of GNSS
+    roll, pitch, heading               of trajectories and references
     acceleration, turn rate            in the vehicle: x forward, y left, z up (ISO 8855); without gravity
     sigma of position                  of the trajectory, east, north and up
     residuals                          value / sigma of each sensor and component, accepted or rejected
@@ -86,11 +87,11 @@ def panels_of(streams: Mapping[str, pa.Table]) -> list[Panel]:
     """The panels for which there is something to draw, in their order."""
     motions = sources_of(streams)
     panels = [
-        Panel("speed", "Speed", "m/s", "motion", [*_speeds(motions), *_measured_speeds(streams)], second=KMH),
+        Panel("speed", "Speed", "m/s", "motion", [*_speeds(motions), *_measured_speeds(streams, motions)], second=KMH),
         *(_vehicle_panel(motions, f"accel_{a}", f"Acceleration {_AXES[a]}", "m/s²", 1.0) for a in "xyz"),
         _vehicle_panel(motions, "gyro_z", "Turn rate, positive to the left", "°/s", np.degrees(1.0)),
         *_attitude_panels(motions),
-        Panel("height", "Height", "m", "attitude", list(_heights(motions))),
+        Panel("height", "Height", "m", "attitude", list(_heights(motions or _receivers(streams)))),
         Panel("pos_std", "Sigma of position", "m", "uncertainty", list(_sigmas(motions))),
         *_residual_panels(streams.get("residuals")),
         *([] if motions else _sensor_panels(streams)),
@@ -107,6 +108,12 @@ def sources_of(streams: Mapping[str, pa.Table]) -> list[Source]:
             role = f"trajectory {number}" if kind == "trajectory" else kind
             found.append(Source(str(meta(streams[name]).get("run", name)), role, streams[name], name))
     return found
+
+
+def _receivers(streams: Mapping[str, pa.Table]) -> list[Source]:
+    """Raw GNSS as what says where the vehicle is, for runs in which nothing else does."""
+    named = [(name, table) for name, table in streams.items() if unnumbered(name) == "gnss" and table.num_rows]
+    return [Source(name, role_of_fixes(name), table, name) for name, table in named]
 
 
 def _curve(name: str, role: str, table: pa.Table, values: Array, sigma: Array | None = None) -> Curve | None:
@@ -139,12 +146,15 @@ def _length(vectors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
-def _measured_speeds(streams: Mapping[str, pa.Table]) -> Iterator[Curve]:
+def _measured_speeds(streams: Mapping[str, pa.Table], motions: Sequence[Source]) -> Iterator[Curve]:
+    """As reported; of GNSS alone also as derived from its positions."""
     for name, table in streams.items():
         kind = unnumbered(name)
+        role = role_of_fixes(name) if kind == "gnss" else kind
         if kind in ("gnss", "wheel") and has(table, "speed"):
-            role = role_of_fixes(name) if kind == "gnss" else kind
             yield from _there([_curve(name, role, table, vector(table, "speed", gaps=True))])
+        elif kind == "gnss" and not motions and has(table, "vel"):
+            yield from _there([_curve(name, role, table, _length(matrix(table, "vel", gaps=True)[:, :2]))])
 
 
 def _vehicle_panel(motions: Sequence[Source], column: str, title: str, unit: str, size: float) -> Panel:

@@ -3,8 +3,8 @@
 The ground is OpenStreetMap's where the page comes from a web server and the network is there, otherwise blank, with a
 grid of round metres and a scale. OpenStreetMap's servers refuse pages that are opened as files, since these do not say
 where they come from (https://wiki.openstreetmap.org/wiki/Blocked_tiles); the page then says so, and
-`python -m http.server` in its folder is enough. `tiles` names other servers, which are asked in any case. Nothing else
-is fetched: Leaflet stands in the page.
+`python -m http.server --bind 127.0.0.1` in its folder is enough. `tiles` names other servers, which are asked in any
+case. Nothing else is fetched: Leaflet stands in the page.
 
 References
     Leaflet 1.9.4 (BSD-2-Clause, see _leaflet/LICENSE).

@@ -95,3 +95,14 @@ def test_a_crash_is_seen_though_other_events_begin_where_it_does(tmp_path):
     assert len({tuple(mark["place"]) for mark in data["marks"]}) == 1
     # A ring of 7 points across and 3 wide has some 130 of them; the legend's own has fewer.
     assert pixels(seen(path, tmp_path / "profile", 900, 600), "#d55e00", 25) > 130
+
+
+def test_on_a_phone_the_legend_leaves_the_buttons_of_the_zoom_free(tmp_path):
+    """Windows of Chromium are wider than a phone; a frame in one is not."""
+    path, _ = export(tmp_path, trajectory=drive(TENTHS))
+    phone = tmp_path / "phone.html"
+    phone.write_text(f'<body style="margin:0"><iframe src="{path.name}" width="375" height="700" frameborder="0">')
+    picture = seen(phone, tmp_path / "profile", 900, 800)
+    assert pixels(picture[20:60, 100:375], "#ffffff", 0) > 0.5 * 40 * 275  # the legend
+    between = picture[20:60, 50:85]  # the ground, and lines of its grid across
+    assert pixels(between, "#fafbfb", 0) > 0.5 * 40 * 35

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from exporter_tables import SECOND, START_NS
+from exporter_tables import SECOND, START_NS, drive, fixes
 
 from recon.schema import RESIDUALS
 from recon.tables import build
@@ -39,3 +39,17 @@ def test_a_value_at_the_lower_edge_stands_above_the_times() -> None:
     heights = [float(y) for y in re.findall(r'<text(?: class="left")? x="\S+" y="(\S+)">', text)]
     assert len(heights) >= 8
     assert max(heights) == BOTTOM
+
+
+def test_of_gnss_alone_speed_as_derived_and_height_are_drawn_and_beside_a_trajectory_neither() -> None:
+    t_s = np.arange(4.0)
+    velocity = np.tile((3.0, 4.0, 1.0), (4, 1))
+    alone = fixes(t_s, lat=np.full(4, 44.5), lon=np.full(4, 11.3), height=100.0 + t_s, vel=velocity)
+    drawn = {panel.key: panel for panel in panels_of({"gnss": alone})}
+    assert {key: [curve.role for curve in panel.curves] for key, panel in drawn.items()} == {
+        "speed": ["gnss 1"], "height": ["gnss 1"],
+    }  # fmt: skip
+    assert drawn["speed"].curves[0].values.tolist() == [5.0] * 4
+    assert drawn["height"].curves[0].values.tolist() == [100.0, 101.0, 102.0, 103.0]
+    beside = {panel.key: panel for panel in panels_of({"gnss": alone, "trajectory": drive(t_s)})}
+    assert [curve.name for key in ("speed", "height") for curve in beside[key].curves] == ["trajectory"] * 2

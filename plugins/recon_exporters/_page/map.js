@@ -79,7 +79,7 @@
     lines(bounds.getSouth(), bounds.getNorth(), step * lat1, across);
     grid.eachLayer(line => line.bringToBack());
     note(`no street map: grid of ${step >= 1000 ? step / 1000 + " km" : step + " m"} from the start${served ? ""
-      : "; for one, serve this folder: python -m http.server"}`);
+      : "; for one, serve this folder: python -m http.server --bind 127.0.0.1"}`);
   };
 
   const about = L.control({position: "topright"});
