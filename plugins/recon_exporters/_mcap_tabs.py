@@ -13,7 +13,7 @@ from recon.tables import Array, has
 from recon_exporters._mcap_plots import HIGH, LOW, SIGMAS, is_of
 from recon_exporters._panels import Curve, Panel, Source
 from recon_exporters._style import on_dark
-from recon_exporters._viewers import sensor_groups, shown_in_degrees, shown_unit
+from recon_exporters._viewers import axes_of, sensor_groups, shown_in_degrees, shown_unit
 from recon_exporters._words import words
 
 Json = dict[str, Any]
@@ -71,8 +71,8 @@ def tabs_of(made: Layout, shown: Shown) -> dict[str, list[str]]:
         tabs["Crash"] = list(_crash_plots(made, shown))
     named: set[str] = set()
     for panel in shown.panels:
-        if panel.group in _TABS:
-            lines = [line for curve in panel.curves for line in _lines(panel, curve, shown.sources)]
+        lines = [line for curve in panel.curves for line in _lines(panel, curve, shown)]
+        if panel.group in _TABS and lines:
             names = {curve.name for curve in panel.curves}
             title = f"{panel.title} [{panel.unit}]"
             plot = _plot(made, panel.key, title, lines, legend=len(names) > 1 and not names <= named)
@@ -121,9 +121,11 @@ def _lighter(color: str, light: float) -> str:
     return "#" + "".join(f"{round(255.0 * part):02X}" for part in parts)
 
 
-def _lines(panel: Panel, curve: Curve, sources: Sequence[Source]) -> Iterator[Json]:
-    """A curve, and the edges of its band."""
-    stream = next((source.stream for source in sources if is_of(curve, source)), None)
+def _lines(panel: Panel, curve: Curve, shown: Shown) -> Iterator[Json]:
+    """A curve, and the edges of its band; none where no topic holds it, as a speed that is derived for a plot."""
+    stream = next((source.stream for source in shown.sources if is_of(curve, source)), None)
+    if stream is None and not has(shown.streams.get(curve.name), panel.key):
+        return
     path = f"/{curve.name}.{panel.key}" if stream is None else f"/{stream}/motion.{panel.key}"
     if stream is not None and curve.sigma is not None:
         for edge, sign in ((LOW, "−"), (HIGH, "+")):
@@ -152,7 +154,8 @@ def _sensor_plots(made: Layout, shown: Shown) -> Iterator[str]:
             continue
         size = _DEGREES if shown_in_degrees(unit) else ""
         names = [column.name.removeprefix(f"{group}_") for column in columns]
-        roles = _AXIS_ROLES if len(columns) == len(_AXIS_ROLES) else _FURTHER_ROLES
+        axes = axes_of(columns)
+        roles = _FURTHER_ROLES if axes is None else [_AXIS_ROLES[axis] for axis in axes]
         lines = [
             _line(f"/{stream}.{column.name}{size}", name, role)
             for column, name, role in zip(columns, names, roles, strict=False)
@@ -168,12 +171,14 @@ def _crash_plots(made: Layout, shown: Shown) -> Iterator[str]:
     zero = ((shown.impact_ns or 0) - shown.start_ns) * 1e-9
     window = (zero - _BEFORE_S, zero + _AFTER_S)
     moved = [source.stream for source in shown.sources if has(source.table, "accel")]
-    if moved or has(shown.streams.get("imu"), "accel"):
-        topic = f"/{moved[0]}/motion" if moved else "/imu"
-        lines = [_line(f"{topic}.accel_{axis}", axis, axis) for axis in "xyz"]
-        title = f"Acceleration at the crash, {moved[0] if moved else 'imu'} [m/s²]"
+    stream, topic = (moved[0], f"/{moved[0]}/motion") if moved else ("imu", "/imu")
+    axes = [axis for axis in "xyz" if has(shown.streams.get(stream), f"accel_{axis}")]
+    if axes:
+        lines = [_line(f"{topic}.accel_{axis}", axis, axis) for axis in axes]
+        title = f"Acceleration at the crash, {stream} [m/s²]"
         yield _plot(made, "crash_accel", title, lines, window_s=window)
     for panel in shown.panels:
         if panel.key == "speed":
-            lines = [line for curve in panel.curves for line in _lines(panel, curve, shown.sources)]
-            yield _plot(made, "crash_speed", f"Speed at the crash [{panel.unit}]", lines, window_s=window)
+            lines = [line for curve in panel.curves for line in _lines(panel, curve, shown)]
+            if lines:
+                yield _plot(made, "crash_speed", f"Speed at the crash [{panel.unit}]", lines, window_s=window)

@@ -17,7 +17,7 @@ from rerun.error_utils import catch_and_log_exceptions
 from recon.columns import Column
 from recon.manifest import RunInfo
 from recon.recording import Recording
-from recon.tables import matrix, time_ns
+from recon.tables import time_ns, vector
 from recon_exporters._panels import Curve, Panel, panels_of
 from recon_exporters._rerun_camera import draw_frames
 from recon_exporters._rerun_layout import Shown, layout
@@ -25,7 +25,7 @@ from recon_exporters._rerun_space import draw_space
 from recon_exporters._rerun_style import AXIS_COLORS, color_of, packed, times
 from recon_exporters._style import EVENTS, OTHER_EVENT, style_of
 from recon_exporters._text_columns import iso_8601
-from recon_exporters._viewers import lanes, sensor_groups, shown_in_degrees, shown_unit
+from recon_exporters._viewers import axes_of, lanes, sensor_groups, shown_in_degrees, shown_unit
 from recon_exporters._words import unit_symbol, words
 
 _NOTHING: Final = ""
@@ -104,13 +104,13 @@ def _draw_group(
     file: rr.RecordingStream, path: str, stream: str, group: str, columns: Sequence[Column], table: pa.Table
 ) -> str:
     """All columns of a group as one plot; its title."""
-    values = matrix(table, group, gaps=True)
+    values = np.column_stack([vector(table, column.name, gaps=True) for column in columns])
     known = np.isfinite(values).all(axis=1)
     unit = columns[0].unit
     shown = np.degrees(values[known]) if shown_in_degrees(unit) else values[known]
     names = [column.name for column in columns]
-    colors = AXIS_COLORS[: len(names)] if len(names) <= len(AXIS_COLORS) else None
-    file.log(path, _line(colors, names), static=True)
+    chosen = axes_of(columns) or [*range(len(columns))]
+    file.log(path, _line(AXIS_COLORS[chosen] if max(chosen) < len(AXIS_COLORS) else None, names), static=True)
     scalars = rr.Scalars.columns(scalars=shown.ravel()).partition(np.full(len(shown), len(names)))
     file.send_columns(path, [times(time_ns(table)[known])], scalars)
     return f"{words(group)} of {stream} [{shown_unit(unit)}]"

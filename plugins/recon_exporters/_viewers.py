@@ -70,12 +70,22 @@ def _lane(found: Sequence[tuple[int, int]], shortest_ns: int) -> NDArray[np.int6
 
 
 def sensor_groups(streams: Mapping[str, pa.Table]) -> Iterator[tuple[str, str, Sequence[Column]]]:
-    """Stream, group and columns of every number of the sensors that GNSS does not stand for."""
+    """Stream, group and columns of every number of the sensors that GNSS does not stand for; columns of none left out.
+
+    A crash test may have measured along one axis.
+    """
     for name, table in streams.items():
         if unnumbered(name) in _SENSORS and table.num_rows:
             for group in dict.fromkeys(group_of(each.name) for each in schema_of(table).columns if each.name != "time"):
-                if has(table, group):
-                    yield name, group, schema_of(table).columns_of(group)
+                columns = [column for column in schema_of(table).columns_of(group) if has(table, column.name)]
+                if columns:
+                    yield name, group, columns
+
+
+def axes_of(columns: Sequence[Column]) -> list[int] | None:
+    """Which axis each column is of, x as 0; None where they are none of axes."""
+    ends = [column.name.rpartition("_")[2] for column in columns]
+    return ["xyz".index(end) for end in ends] if set(ends) <= set("xyz") else None
 
 
 def shown_in_degrees(unit: str) -> bool:

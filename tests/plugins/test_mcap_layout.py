@@ -19,7 +19,7 @@ from recon.manifest import RunInfo
 from recon.numerics.rotation import from_euler
 from recon.parameters import NoParams
 from recon.schema import IMU, MAG, REFERENCE
-from recon.tables import build, matrix, time_ns, with_meta
+from recon.tables import build, matrix, replace, time_ns, with_meta
 from recon_exporters import mcap as module
 
 Json = dict[str, Any]
@@ -149,9 +149,29 @@ def test_a_crash_comes_first_and_is_seen_from_close_by(tmp_path: Path) -> None:
 
 
 def test_without_plots_events_are_below_the_map(tmp_path: Path) -> None:
-    _, layout = export(tmp_path, CASES["fixes"], warnings=["the clock was not set"])
+    _, layout = export(tmp_path, {"gnss": fixes([0, 1]).drop_columns("height")}, warnings=["the clock was not set"])
     whole = layout["layout"]
     assert (whole["direction"], whole["first"], whole["second"]) == ("column", "map!way", "RosOut!log")
+
+
+def test_a_crash_test_shows_the_axes_that_it_measured(tmp_path: Path) -> None:
+    """Forward and upwards, in the colours that they have elsewhere."""
+    streams = everything()
+    whole = streams.pop("imu")
+    del streams["trajectory"], streams["reference"]
+    _, layout = export(tmp_path, {**streams, "imu": replace(whole, accel_y=np.full(whole.num_rows, np.nan))})
+    _, other = export(tmp_path, {**streams, "imu": whole})
+    for name in ("crash_accel", "imu_accel"):
+        paths = panels(layout, "Plot")[name]["paths"]
+        assert [path["value"] for path in paths] == ["/imu.accel_x", "/imu.accel_z"]
+        assert paths == [panels(other, "Plot")[name]["paths"][axis] for axis in (0, 2)]
+
+
+def test_a_speed_that_no_topic_holds_is_in_no_plot(tmp_path: Path) -> None:
+    """That of fixes without one is derived for charts; JSON has the velocity."""
+    alone = fixes([0, 1], vel=np.tile((3.0, 4.0, 0.0), (2, 1)))
+    _, layout = export(tmp_path, {"gnss": alone})
+    assert [*panels(layout, "Plot")] == ["height"]
 
 
 def test_the_map_shows_the_whole_drive(tmp_path: Path) -> None:

@@ -89,6 +89,15 @@ def test_all_numbers_of_a_sensor_are_there_with_angles_in_degrees(tmp_path):
     assert not [entity for entity in entities(path) if entity.startswith(("/map", "/world/"))]
 
 
+def test_a_crash_test_shows_the_axes_that_it_measured(tmp_path):
+    accel = np.column_stack((np.arange(5.0), np.full(5, np.nan), -np.arange(5.0)))
+    path = export(tmp_path, imu=build(IMU, time=START_NS + np.arange(5), accel=accel))
+    assert np.array_equal(values(path, "/sensors/imu/accel", "Scalars:scalars").reshape(-1, 2), accel[:, [0, 2]])
+    (style,) = chunks(path, "/sensors/imu/accel", static=True)
+    assert style["SeriesLines:names"][0].as_py() == ["accel_x", "accel_z"]
+    assert style["SeriesLines:colors"][0].as_py() == [0xD55E00FF, 0x56B4E9FF]
+
+
 def test_rows_without_a_number_are_left_out(tmp_path):
     accel = np.ones((5, 3))
     accel[2, 0] = np.nan
