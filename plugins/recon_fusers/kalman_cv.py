@@ -68,7 +68,7 @@ from recon_fusers._cv_knots import knots
 SILENT_NOISE: Final = 2.0
 """m/s^1.5: an acceleration of 1 m/s^2 that is not known and lasts for two seconds."""
 DENSITIES: Final = tuple(0.05 * 2.0**power for power in range(7, -1, -1))
-"""m/s^1.5, of which the likeliest is taken: from a phone in a hand to a box that is glued to a car."""
+"""m/s^1.5, between which the likeliest is sought: from a phone in a hand to a box that is glued to a car."""
 
 
 class KalmanParams(Params):
@@ -257,6 +257,7 @@ def declare_fusers() -> Iterable[Fuser]:
             "attitude": ATTITUDE.need("q", optional=True),
         },
         writes={"trajectory": TRAJECTORY, "residuals": RESIDUALS, "events": EVENTS},
+        version=2,
         run=kalman_cv,
         plan=_plan,
         budget=1.0,

@@ -164,20 +164,25 @@ class Fusion:
         return Motion(*found), Innovations(*told)
 
     def likeliest(self, axes: Sequence[int], densities: Sequence[float]) -> float:
-        """Of some densities, m/s^1.5, falling, the one under which the innovations on some axes are the most likely.
+        """The density, m/s^1.5, under which the innovations on some axes are the most likely.
 
-        The first that the next one does not better: where a density is far too small, all innovations lie beyond the
-        gate and count as much as one there, which would look likely again. Of long records the middle suffices.
+        It is sought among `densities`, falling by one factor: the first that the next one does not better, for where a
+        density is far too small, all innovations lie beyond the gate and count as much as one there, which would look
+        likely again. A parabola through it and its neighbours tells the top. Of long records the middle suffices.
         """
         middle = max(0, (len(self.fix) - MANY) // 2)
         part = self._only(slice(middle, middle + MANY))
-        best, least = densities[0], np.inf
+        costs: list[float] = []
         for density in densities:
-            cost = sum(part._cost(axis, density) for axis in axes)
-            if cost > least:
+            costs.append(sum(part._cost(axis, density) for axis in axes))
+            if len(costs) > 1 and costs[-1] > costs[-2]:
                 break
-            best, least = density, cost
-        return best
+        best = int(np.argmin(costs))
+        if not 0 < best < len(costs) - 1:
+            return densities[best]
+        before, least, after = costs[best - 1 : best + 2]
+        shift = 0.5 * (before - after) / (before - 2.0 * least + after)
+        return float(densities[best] * (densities[best + 1] / densities[best]) ** shift)
 
     def _only(self, rows: slice) -> Fusion:
         there = Pushes(*(side[rows] for side in self.there))

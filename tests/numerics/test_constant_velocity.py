@@ -113,15 +113,16 @@ def test_innovations_are_white_and_as_large_as_they_say() -> None:
     np.testing.assert_array_equal(seen.weight, 1.0)
 
 
-@pytest.mark.parametrize("density", [0.1, 0.8])
+@pytest.mark.parametrize("density", [0.1, 0.14, 0.57, 0.8])
 def test_the_noise_of_the_acceleration_is_found_from_the_innovations(density: float) -> None:
     t_s, acc, pos, _ = drive(11, 600.0, density)
     rows = np.arange(0, len(t_s), 50)
     fix = pos[rows] + SIGMA * np.random.default_rng(12).standard_normal((len(rows), 2))
     fix[100] += 1e4
     fusion, _ = made(t_s, acc, t_s[rows], fix, gate=5.0)
-    # Of 1200 innovations; a factor of two changes them by 20 % at least.
-    assert fusion.likeliest([0, 1], [0.1 * 2.0**power for power in range(5, -4, -1)]) == density
+    # Of 1200 innovations, one drive to the other by 7 %.
+    found = fusion.likeliest([0, 1], [0.1 * 2.0**power for power in range(5, -4, -1)])
+    assert found == pytest.approx(density, rel=0.2)
 
 
 def test_without_noise_the_motion_comes_back_at_every_sample() -> None:
