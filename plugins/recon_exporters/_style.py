@@ -52,7 +52,7 @@ _ON_DARK: Final[Mapping[str, str]] = {
     "trajectory 1": "#56B4E9",
     "trajectory 4": "#F0E442",
     "reference": "#999999",
-    "wheel": "#009E73",
+    "wheel": "#F0E442",
     "accepted": "#56B4E9",
     "east": "#56B4E9",
 }

@@ -12,6 +12,7 @@ from recon.schema import RESIDUALS
 from recon.tables import build
 from recon_exporters._chart import BOTTOM, Window, figure
 from recon_exporters._panels import Curve, Panel, panels_of
+from recon_exporters._style import on_dark, style_of
 
 T_NS = START_NS + np.arange(60) * SECOND
 
@@ -53,3 +54,9 @@ def test_of_gnss_alone_speed_as_derived_and_height_are_drawn_and_beside_a_trajec
     assert drawn["height"].curves[0].values.tolist() == [100.0, 101.0, 102.0, 103.0]
     beside = {panel.key: panel for panel in panels_of({"gnss": alone, "trajectory": drive(t_s)})}
     assert [curve.name for key in ("speed", "height") for curve in beside[key].curves] == ["trajectory"] * 2
+
+
+def test_what_shares_the_plot_of_speeds_has_colours_of_its_own_on_white_and_on_black() -> None:
+    roles = ["trajectory 1", "reference", "wheel", "gnss 1", "gnss 2", "gnss 3"]
+    assert len({style_of(role).color for role in roles}) == len(roles)
+    assert len({on_dark(role) for role in roles}) == len(roles)
