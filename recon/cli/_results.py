@@ -48,7 +48,7 @@ def accounted(results: Mapping[str, Path], goes_on: str = "", tell: Callable[[],
         if not whole:
             raise
         if isinstance(error, KeyboardInterrupt):
-            error.args = ("; ".join(whole),)
+            error.args = ("; ".join(filter(None, (str(error), *whole))),)
         else:
             error.hint = "\n".join([*error.hint.splitlines(), *whole])
         raise

@@ -25,6 +25,7 @@ EXPORTER: Final = "rerun"
 PROGRAMS: Final = ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun")
 """The viewer inside the package rerun_cli of rerun-sdk. It is started itself: its Python wrapper drops the exit code,
 and leaves it running when it is stopped."""
+CLOSED: Final = "the viewer is closed"
 LOCAL: Final = ("--bind", "127.0.0.1")
 """The viewer would listen on every address."""
 
@@ -44,19 +45,22 @@ def view(
         files = _made(run, registry)
         console.write("\n".join(str(file) for file in files))
         ports = ("--web-viewer", "--port", "auto", "--web-viewer-port", "0") if web else ("--port", "auto")
-        code = _closed([program, *files, *LOCAL, *ports])
+        code = _closed([program, *files, *LOCAL, *ports], web=web)
         if code:
             hint = "" if web else "where there is no display, add --web"
             raise PluginError(f"the Rerun viewer ended with exit code {code}", hint)
 
 
-def _closed(command: Sequence[str | Path]) -> int:
+def _closed(command: Sequence[str | Path], *, web: bool) -> int:
     """The viewer's exit code, when it is closed. Ctrl-C closes it too: a viewer in the browser has no other end."""
     try:
         return subprocess.run(command, check=False).returncode
-    except Terminated:
+    except Terminated as error:
+        error.args = (CLOSED,)
         raise
     except KeyboardInterrupt:
+        if web:
+            console.write_error(CLOSED)
         return 0
 
 
