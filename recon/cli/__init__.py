@@ -5,7 +5,7 @@
     2    a pipeline or an option is wrong        6    a batch in which some jobs failed
     3    a plugin cannot be used                 7    a sealed run is not as it was sealed
     130  interrupted    143  terminated          8    a result could not be written
-                                                 141  nobody reads the output
+    129  its terminal is gone                    141  nobody reads the output
 
 Results go to standard output; progress and errors, `error: <what>` and an indented hint, to standard error. Modules
 are imported by the verb that needs them, so that `recon --help` costs nothing; this one imports nearly nothing, so that
@@ -81,6 +81,10 @@ def _run(args: Sequence[str]) -> int:
         console.abandon_output()
         return EXIT_PIPE
     except Exception as error:  # the last resort: a user never sees a traceback unless he asks
+        if isinstance(
+            error.__context__, KeyboardInterrupt
+        ):  # that is what ended it; a terminal that is gone raises, too
+            raise error.__context__ from None
         return _report(error, verbose=verbose)
 
 
@@ -98,7 +102,7 @@ def _stopped(interruption: KeyboardInterrupt) -> int:
     terminated = isinstance(interruption, signals.Terminated)
     told = str(interruption) or "nothing was written"
     console.write_error(f"{'terminated' if terminated else 'interrupted'}; {told}")
-    return signals.EXIT_TERMINATED if terminated else EXIT_INTERRUPTED
+    return interruption.exit_code if isinstance(interruption, signals.Terminated) else EXIT_INTERRUPTED
 
 
 def _report(error: Exception, *, verbose: bool) -> int:

@@ -62,9 +62,13 @@ def write(text: str) -> None:
 
 
 def write_error(text: str) -> None:
-    """A line, or several, on standard error."""
-    sys.stderr.write(text.translate(_VISIBLE) + "\n")
-    sys.stderr.flush()
+    """A line, or several, on standard error. On a terminal that is gone nobody reads it. Raises BrokenPipeError."""
+    try:
+        sys.stderr.write(text.translate(_VISIBLE) + "\n")
+        sys.stderr.flush()
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
 
 
 def abandon_output() -> None:

@@ -14,7 +14,7 @@ import typer
 
 from recon.cli import _console as console
 from recon.cli._options import AsJson, Blocked, FirstPartyOnly, Settings, bad_option, overrides_of, registry_of
-from recon.cli._signals import EXIT_TERMINATED, Terminated
+from recon.cli._signals import Terminated
 from recon.errors import EXIT_INTERRUPTED, StorageError
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def live(
             stopped = _follow_until_stopped(session, _Teller(pause, as_json, shown), pause, until_end)
     _tell_end(session, stopped=stopped is not None)
     if stopped:
-        raise typer.Exit(EXIT_TERMINATED if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
+        raise typer.Exit(stopped.exit_code if isinstance(stopped, Terminated) else EXIT_INTERRUPTED)
 
 
 @contextmanager

@@ -21,27 +21,59 @@ import recon
 @pytest.mark.parametrize(
     ("words", "sent", "code", "told"),
     [
-        (["run", "slow.yaml", "drive.txt"], signal.SIGINT, 130, "interrupted; nothing was written\n"),
-        (["-v", "run", "slow.yaml", "drive.txt"], signal.SIGINT, 130, "interrupted; nothing was written\n"),
-        (["run", "slow.yaml", "drive.txt"], signal.SIGTERM, 143, "terminated; nothing was written\n"),
+        (["run", "slow.yaml", "drive.txt"], "SIGINT", 130, "interrupted; nothing was written\n"),
+        (["-v", "run", "slow.yaml", "drive.txt"], "SIGINT", 130, "interrupted; nothing was written\n"),
+        (["run", "slow.yaml", "drive.txt"], "SIGTERM", 143, "terminated; nothing was written\n"),
+        (["run", "slow.yaml", "drive.txt"], "SIGHUP", 129, "terminated; nothing was written\n"),
     ],
 )
 def test_a_stopped_run_is_one_line_and_leaves_nothing(
-    words: list[str], sent: signal.Signals, code: int, told: str, tmp_path: Path, environment: Mapping[str, str]
+    words: list[str], sent: str, code: int, told: str, tmp_path: Path, environment: Mapping[str, str]
 ) -> None:
     before = entries(tmp_path)
     with spawn(*words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         while "filter.wait" not in process.stderr.readline():
             assert process.poll() is None, "it ended before the step began"
-        process.send_signal(sent)
+        process.send_signal(signal.Signals[sent])
         assert process.stderr.read() == told
         assert process.wait() == code
     assert entries(tmp_path) == before
 
 
+def test_a_run_whose_terminal_is_gone_leaves_nothing(tmp_path: Path, environment: Mapping[str, str]) -> None:
+    pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
+    before = entries(tmp_path)
+    child, terminal = pty.fork()
+    if not child:
+        os.chdir(tmp_path)
+        os.execve(sys.executable, [sys.executable, "-m", "recon", "run", "slow.yaml", "drive.txt"], dict(environment))
+    shown = b""
+    while b"filter.wait" not in shown:
+        shown += os.read(terminal, 4096)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 129
+    assert entries(tmp_path) == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP")
+def test_a_run_that_was_told_to_outlive_its_terminal_does(tmp_path: Path, environment: Mapping[str, str]) -> None:
+    (tmp_path / "brief.yaml").write_text(PIPELINE + "    params: {time: 1 s}\n")
+    program = "import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); os.execv(sys.executable, sys.argv)"
+    words = [sys.executable, "-c", program, "-m", "recon", "run", "brief.yaml", "drive.txt"]
+    with subprocess.Popen(words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while "filter.wait" not in process.stderr.readline():
+            assert process.poll() is None, "it ended before the step began"
+        process.send_signal(signal.SIGHUP)
+        process.communicate()
+    assert process.returncode == 0
+    assert recon.open(tmp_path / "drive-box").recording["imu"].num_rows == 100
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to a single process")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_after_the_end_does_not_spoil_what_is_done(name: str, environment: Mapping[str, str]) -> None:
     program = f"""
         import os, signal, sys
@@ -58,9 +90,10 @@ def test_a_signal_after_the_end_does_not_spoil_what_is_done(name: str, environme
 
 
 def test_a_caller_in_the_same_process_keeps_his_signals(cli: Cli) -> None:
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    numbers = [number for number in signal.Signals if number.name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    before = [signal.getsignal(number) for number in numbers]
     cli("run", "box.yaml", "drive.txt")
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    assert [signal.getsignal(number) for number in numbers] == before
 
 
 def test_the_command_hears_ctrl_c_before_anything_slow_is_imported() -> None:
