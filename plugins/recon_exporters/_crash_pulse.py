@@ -4,7 +4,8 @@ delta-V = integral of the acceleration along axes of the vehicle from time zero 
 
 What a clipped sensor lost is restored, where the speed before and after tells it (recon.clipping).
 
-Its horizontal size has a band of two sigma where the fuser tells how well changes of velocity are known (knots).
+The curves have no band: the fuser's sigmas of changes of velocity rest on other assumptions than the intervals of the
+numbers below them, and are up to 2.6 times as wide.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from recon.numerics.geodesy import STANDARD_GRAVITY
 from recon.numerics.integration import cumulative
 from recon.numerics.signals import median_rate
 from recon.tables import Array, has, measured_axes, schema_of, time_ns
-from recon.trajectory import Trajectory
 from recon_exporters._chart import Span, Window, figure
 from recon_exporters._panels import Curve, Panel
 
@@ -55,11 +55,10 @@ def _felt(streams: Mapping[str, pa.Table]) -> pa.Table | None:
 
 
 def _panels(felt: pa.Table, zero_ns: int, streams: Mapping[str, pa.Table]) -> Iterator[Panel]:
-    knots = streams.get("knots")
     t_ns, recorded, axes = _around(felt, zero_ns)
     if len(t_ns) < 3:
         return
-    cut = lost(t_ns, recorded, streams.get("imu"), streams.get("events"), felt, knots)
+    cut = lost(t_ns, recorded, streams.get("imu"), streams.get("events"), felt, streams.get("knots"))
     restored = cut is not None and len(cut.doubt) > 0
     accel = recorded + cut.likely if cut is not None else recorded
     smooth = channel_class(accel, _CFC, median_rate(t_ns))
@@ -74,8 +73,7 @@ def _panels(felt: pa.Table, zero_ns: int, streams: Mapping[str, pa.Table]) -> It
         t_ns, gained = t_ns[after], _gained(t_ns[after], accel[after])
         curves = [Curve(name, role, t_ns, gained[:, i]) for i, (name, role) in axes]
         if len(axes) > 1:
-            size, sigma = np.hypot(gained[:, 0], gained[:, 1]), _sigma(felt, knots, t_ns)
-            curves.append(Curve("horizontal", "reference", t_ns, size, sigma))
+            curves.append(Curve("horizontal", "reference", t_ns, np.hypot(gained[:, 0], gained[:, 1])))
         yield Panel("pulse_delta_v", "Delta-V, time after time zero", "km/h", "crash", curves, levels=(0.0,))
 
 
@@ -90,18 +88,6 @@ def _around(felt: pa.Table, zero_ns: int) -> tuple[NDArray[np.int64], Array, lis
     known = np.isfinite(accel).all(axis=1)
     axes = [axis for axis in enumerate(_NAMES) if f"accel_{'xy'[axis[0]]}" not in unmeasured]
     return t_ns[first:last][known], accel[known], axes
-
-
-def _sigma(felt: pa.Table, knots: pa.Table | None, t_ns: NDArray[np.int64]) -> Array | None:
-    """Of the horizontal change of velocity since the first of these rows: (n,) km/h, None if unknown."""
-    if knots is None or not has(felt, "vel"):
-        return None
-    times = t_ns.view("datetime64[ns]")
-    moved = Trajectory(felt, knots).between(np.full(len(times), times[0]), times)
-    change, spread = moved.velocity_change[:, :2], moved.velocity_covariance[:, :2, :2]
-    along = change / np.maximum(np.linalg.norm(change, axis=1), np.finfo(float).tiny)[:, None]
-    sigma = 3.6 * np.sqrt(np.einsum("ij,ijk,ik->i", along, spread, along))
-    return np.asarray(sigma) if np.isfinite(sigma).all() else None
 
 
 def _gained(t_ns: NDArray[np.int64], accel: Array) -> Array:

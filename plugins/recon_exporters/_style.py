@@ -44,6 +44,8 @@ EVENTS: Final[Mapping[str, str]] = {
     "standstill": "#999999",
     "outage": "#E69F00",
     "crash": "#D55E00",
+    "impact": "#D55E00",
+    "trip": "#0072B2",
     "harsh_acceleration": "#009E73",
     "harsh_cornering": "#56B4E9",
 }

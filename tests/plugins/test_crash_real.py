@@ -290,18 +290,15 @@ def test_a_hundred_thousand_samples_are_analysed_in_half_a_second(logs: Path) ->
     assert time.process_time() - begin < 0.5
 
 
-def test_the_chart_of_delta_v_has_the_band_that_the_fuser_tells(run: recon.Run, car: dict[str, Any]) -> None:
-    """The smoother's sigma is another road than the analysis': they know the same noise, twice as much is a fault."""
+def test_the_chart_of_delta_v_tells_what_the_numbers_below_it_do(run: recon.Run, car: dict[str, Any]) -> None:
+    """And no other doubt: the smoother's sigma is another road than the analysis', and may be twice as large."""
     ((zero_ns, _),) = spans(run.events, "impact")
-    felt = run.recording["trajectory"]
-    (size,) = [curve for curve in [*_panels(felt, zero_ns, run.recording)][1].curves if curve.name == "horizontal"]
-    assert size.sigma is not None
-    assert size.sigma[0] == 0.0
+    _, drawn = _panels(run.recording["trajectory"], zero_ns, run.recording)
+    (size,) = [curve for curve in drawn.curves if curve.name == "horizontal"]
     at = int(np.searchsorted(size.t_ns, zero_ns + 300_000_000))
     told = car["delta_v_resultant_max"]
     assert abs(size.values[at] - told["value"]) < 2.0 * told["sigma"]
-    assert 0.5 < size.sigma[at] / told["sigma"] < 2.0
-    assert all(curve.sigma is None for curve in [*_panels(felt, zero_ns, {})][1].curves)
+    assert all(curve.sigma is None for curve in drawn.curves)
 
 
 @pytest.mark.parametrize("limit_g", [3.0, 4.0])
