@@ -318,6 +318,46 @@ def test_the_page_opens_without_an_error_and_answers_the_pointer(tmp_path):
     assert [float(part) for part in view.split()] == pytest.approx([COLUMNS / 4, 0, COLUMNS / 4, ROWS])
 
 
+KEYS = """<script>
+  const chart = document.querySelector(".panel > svg"), heard = document.createElement("aside");
+  const press = key => {
+    chart.dispatchEvent(new KeyboardEvent("keydown", {key, cancelable: true}));
+    heard.append(chart.parentNode.querySelector("output").textContent.split("   ")[0], ", ",
+      chart.querySelector(".data").getAttribute("viewBox"), "|");
+  };
+  chart.focus();
+  heard.append(document.activeElement === chart, "|");
+  ["ArrowRight", "+", "ArrowLeft", "End", "Escape"].forEach(press);
+  chart.blur();
+  heard.append(chart.parentNode.querySelector("output").textContent);
+  document.body.append(heard);
+</script>"""
+
+
+def test_the_charts_are_read_and_looked_at_closer_by_keys_alone(tmp_path):
+    """A minute: an arrow is a hundredth of what is shown, from its middle on."""
+    text, _ = export(tmp_path)
+    page = tmp_path / "keys.html"
+    page.write_text(text.replace("</body>", KEYS + "</body>"), encoding="utf-8")
+    document, console = opened(page, tmp_path / "profile")
+    assert console == []
+    (told,) = re.findall(r"<aside>(.*?)</aside>", document)
+    focused, *steps, end = told.split("|")
+    assert (focused, end) == ("true", "")
+    read = [
+        (float(at.removesuffix(" s")), [float(part) for part in view.split()])
+        for at, view in (step.split(", ") for step in steps)
+    ]
+    half, closer = COLUMNS / 2, COLUMNS * (30.6 / 60.0 - 0.25)
+    assert read == [
+        (30.6, [0, 0, COLUMNS, ROWS]),
+        (30.6, pytest.approx([closer, 0, half, ROWS])),
+        (30.3, pytest.approx([closer, 0, half, ROWS])),
+        (60.0, pytest.approx([half, 0, half, ROWS])),
+        (60.0, pytest.approx([0, 0, COLUMNS, ROWS])),
+    ]
+
+
 def test_the_picture_shows_track_curves_and_rejected_residuals(tmp_path):
     streams = run_of()
     del streams["reference"]  # which would cover the trajectory

@@ -1,5 +1,5 @@
 // The page is complete without this script, which adds: values under the pointer in all charts and on the map, a closer
-// look by dragging sideways, and a street map behind the track where the page comes from a web server.
+// look by dragging sideways, both by keys as well, and a street map behind the track where the page comes from a web server.
 "use strict";
 (() => {
   const LEFT = 62, TOP = 6, RIGHT = 948, BOTTOM = 134, COLUMNS = 30000, ROWS = 10000;
@@ -136,6 +136,32 @@
     panel.svg.addEventListener("pointerleave", () => clear(group));
   };
 
+  const steer = (group, panel) => {
+    const [begin, end] = panel.t, within = (t, low, high) => Math.min(Math.max(t, low), high);
+    let at = null;
+    const look = width => {  // so much time, with the place of the cursor in it
+      const wide = Math.min(width, end - begin), first = within(at - wide / 2, begin, end - wide);
+      show(group, first, first + wide);
+    };
+    panel.svg.tabIndex = 0;
+    panel.svg.addEventListener("keydown", event => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      const [first, last] = group.shown, span = last - first, step = span / (event.shiftKey ? 10 : 100);
+      if (at === null || at < first || at > last) at = (first + last) / 2;
+      const to = {ArrowLeft: at - step, ArrowRight: at + step, Home: begin, End: end}[event.key];
+      if (to !== undefined) {
+        at = within(to, begin, end);
+        if (at < first || at > last) look(span);
+      } else if ("+=".includes(event.key)) look(span / 2);
+      else if (event.key === "-") look(span * 2);
+      else if (event.key === "Escape") look(Infinity);
+      else return;
+      event.preventDefault();
+      read(group, at);
+    });
+    panel.svg.addEventListener("blur", () => clear(group));
+  };
+
   // ---- map
   const map = document.querySelector(".map"), track = map && map.querySelector("[data-t]");
   const now = map && map.querySelector(".now");
@@ -180,12 +206,16 @@
     const group = {panels: panelsOf(node)};
     if (!group.panels.length) continue;
     group.shown = group.panels[0].t;
-    for (const panel of group.panels) listen(group, panel);
+    for (const panel of group.panels) {
+      listen(group, panel);
+      steer(group, panel);
+    }
     const hint = document.createElement("p");
     hint.className = "hint screen";
     hint.textContent = matchMedia("(max-width: 700px)").matches
       ? "Charts and tables go on where their edge is dark: slide them sideways."
-      : "Point at a chart to read values, drag sideways to look closer, double-click for the whole.";
+      : "Point at a chart to read values, drag sideways to look closer, double-click for the whole; "
+        + "or Tab to it: arrows, + and −, Esc.";
     node.prepend(hint);
   }
   document.documentElement.dataset.ready = "1";
