@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -78,10 +78,20 @@ def messages(types: Any, seconds: float = 2.0, *, ros1: bool = False) -> Iterato
             yield topic, name, t_ns, kinds[kind](header=header(t_ns), **make(t_ns))
 
 
-def write(path: Path, form: str, seconds: float = 2.0) -> Path:
-    """A bag at `path`: "bag" of ROS 1; a folder of "sqlite3" or "mcap" of ROS 2. Its file, or the folder."""
+def write(
+    path: Path,
+    form: str,
+    seconds: float = 2.0,
+    *,
+    packed: Literal["", "file", "message"] = "",
+    stamped: Callable[[int], int] = lambda t_ns: t_ns,
+) -> Path:
+    """A bag at `path`: "bag" of ROS 1; a folder of "sqlite3" or "mcap" of ROS 2. Its file, or the folder.
+
+    packed : what zstd packs of ROS 2; stamped : what a message of that ns of measurement is stamped with
+    """
     from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
@@ -89,12 +99,17 @@ def write(path: Path, form: str, seconds: float = 2.0) -> Path:
     types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     written = sorted(messages(types, seconds, ros1=ros1), key=lambda each: each[2])
     plugin = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
-    with Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin) as bag:
+    writer = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=plugin)
+    if packed:
+        writer.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
+    with writer as bag:
         bag.chunk_threshold = 20_000  # of ROS 1 alone
         topics: dict[str, Any] = {}
         for topic, name, t_ns, message in written:
             if topic not in topics:
                 topics[topic] = bag.add_connection(topic, name, typestore=types)
+            stamp = message.header.stamp
+            stamp.sec, stamp.nanosec = divmod(stamped(t_ns), 10**9)
             data = types.serialize_ros1(message, name) if ros1 else types.serialize_cdr(message, name)
             bag.write(topics[topic], t_ns + LATE_NS, data)
     return path

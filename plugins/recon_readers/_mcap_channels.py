@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import pyarrow as pa
 
 from recon.extras import needs
 from recon.rows import Metric, warning
@@ -34,6 +35,10 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
 _SERIALIZATIONS: Final[Mapping[str, Serialization]] = {"ros1": "ros1", "cdr": "cdr"}
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+"""How what zstd packed begins; a message of ROS 2 begins with a zero."""
+_LARGEST_BATCH: Final = 2**28
+"""Bytes that messages may unpack to at a time."""
 _DATUM: Final = "height_datum"
 _DATUMS: Final = ("mean_sea_level", "ellipsoid")
 """A fact that exporter.mcap writes into the metadata of a channel, and what it may say."""
@@ -102,9 +107,29 @@ def ros_language(
     form = _SERIALIZATIONS[serialization]
 
     def read(messages: Sequence[bytes], paths: Collection[str]) -> tuple[dict[str, Array], Mask]:
-        return read_numbers(messages, types, ros_name(name), form, paths)
+        plain = _unpacked(messages) if form == "cdr" else messages
+        return read_numbers(plain, types, ros_name(name), form, paths)
 
     return list(parts_of(types, ros_name(name), KINDS)), Language(read, ("sec", "nanosec"))
+
+
+def _unpacked(messages: Sequence[bytes]) -> Sequence[bytes]:
+    """Messages of ROS 2, each packed with zstd by itself where rosbag2 was told to; empty where one is damaged."""
+    if not any(message.startswith(_ZSTD) for message in messages):
+        return messages
+    left = _LARGEST_BATCH
+    found = []
+    for message in messages:
+        plain = message
+        if message.startswith(_ZSTD):
+            try:
+                with pa.CompressedInputStream(pa.BufferReader(message), "zstd") as stream:
+                    plain = stream.read(left)
+            except (pa.ArrowException, OSError):
+                plain = b""
+        left -= len(plain)
+        found.append(plain)
+    return found
 
 
 def unread(messages: Sequence[bytes], paths: Collection[str]) -> tuple[dict[str, Array], Mask]:

@@ -5,10 +5,12 @@ Reference: ros2/rosbag2, rosbag2_storage_sqlite3; tables topics, messages and, s
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from recon.errors import ReadFailed
@@ -19,12 +21,14 @@ from recon_readers._topics import Channel, Intake
 
 _DAMAGED: Final = (sqlite3.Error, UnicodeDecodeError)
 """What SQLite says of a damaged file may itself be damaged text."""
+_READ_ONLY: Final = "mode=ro&immutable=1"
+_JOURNALS: Final = ("-wal", "-journal")
 _AGAIN: Final = "copy it again, or repair it with 'sqlite3 FILE .recover'"
 
 
 def take_in(path: Path, intake: Intake) -> None:
     """Take in the messages of one file. Raises ReadFailed where it is no bag."""
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as bag:
+    with _consistent(path) as file, closing(sqlite3.connect(f"{file.as_uri()}?{_READ_ONLY}", uri=True)) as bag:
         bag.text_factory = lambda data: data.decode("utf-8", "replace")
         try:
             channels = _channels(bag, intake)
@@ -39,6 +43,23 @@ def take_in(path: Path, intake: Intake) -> None:
         except _DAMAGED as error:
             text = f"{path.name} is damaged ({error}): {taken} messages before that place are used"
             intake.learnt += [Metric("damaged_places", 1.0, note=path.name), warning(f"{text}; {_AGAIN}")]
+
+
+@contextmanager
+def _consistent(path: Path) -> Iterator[Path]:
+    """The file, or a copy that has taken in what a recorder that was killed left in the journal beside it."""
+    journals = [path.with_name(path.name + ending) for ending in _JOURNALS]
+    left = [journal for journal in journals if journal.is_file() and journal.stat().st_size]
+    if not left:
+        yield path.resolve()
+        return
+    with TemporaryDirectory() as folder:
+        for file in (path, *left):
+            shutil.copyfile(file, Path(folder) / file.name)
+        copy = Path(folder).resolve() / path.name
+        with closing(sqlite3.connect(copy)) as bag, suppress(*_DAMAGED):
+            bag.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        yield copy
 
 
 def _messages(channels: Mapping[int, Channel]) -> str:

@@ -62,8 +62,8 @@ def rising(t_ns: Times, name: str) -> tuple[NDArray[np.intp] | slice, list[Metri
         return slice(None), []
     order = np.argsort(t_ns, kind="stable")
     ordered = t_ns[order]
-    usable = in_order(ordered, np.zeros(len(ordered), dtype=bool))
     repeated = np.diff(ordered, prepend=ordered[:1] - 1) <= 0
+    usable = in_order(ordered[~repeated], np.zeros(np.count_nonzero(~repeated), dtype=bool))
     learnt = []
     falls = np.count_nonzero(t_ns[1:] < t_ns[:-1])
     if falls:
@@ -71,7 +71,7 @@ def rising(t_ns: Times, name: str) -> tuple[NDArray[np.intp] | slice, list[Metri
     for what, count in (("of the time of an earlier one", repeated.sum()), ("far from all others", (~usable).sum())):
         if count:
             learnt.append(Metric("rows_left_out", float(count), note=f"{name}: {what}, of {len(t_ns)}"))
-    return order[usable & ~repeated], learnt
+    return order[~repeated][usable], learnt
 
 
 def median_ns(times_ns: Times) -> int:

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from recon.errors import NothingUsable, ReadFailed
@@ -195,8 +197,7 @@ class Intake:
         wanted = self.wanted.of(part.kind.stream, part.kind.columns)
         columns = {column: collector.numbers(part.path + part.kind.columns[column]) for column in wanted}
         columns |= {path: collector.numbers(part.path + path) for path in part.kind.beside}
-        rows, told = rising(t_ns, name)
-        self.learnt += told
+        rows = self._in_order(name, t_ns)
         columns = part.kind.finish({key: values[rows] for key, values in columns.items()})
         if part.kind.facts.get("axes"):
             columns = turned(columns, self.params.axes, down=self.params.at_rest == "down")
@@ -204,6 +205,24 @@ class Intake:
             columns[column], told = possible(self.path, part.kind.stream, column, values, most=MOST_FAULTY)
             self.learnt += told
         return t_ns[rows], valued(columns)
+
+    def _in_order(self, name: str, t_ns: Times) -> NDArray[np.intp] | slice:
+        """The rows of a topic in the order of time, without those of a clock that was not set where it mostly was.
+
+        t_ns : (n,) ns since 1970
+        """
+        unset = t_ns < EARLIEST_NS
+        if not 0 < 2 * np.count_nonzero(unset) < len(unset):
+            rows, told = rising(t_ns, name)
+            self.learnt += told
+            return rows
+        count = int(unset.sum())
+        text = f"{count} of {len(t_ns)} messages of {name} are stamped by a clock that was not set: they are left out"
+        self.learnt += [Metric("rows_left_out", float(count), note=text), warning(text)]
+        later = np.flatnonzero(~unset)
+        rows, told = rising(t_ns[later], name)
+        self.learnt += told
+        return later[rows]
 
     def _facts(self, topic: Topic, part: Part, columns: dict[str, Array]) -> dict[str, Any]:
         facts = {**part.kind.facts, **topic.facts}
@@ -266,6 +285,10 @@ class Intake:
         asked = [row.note for row in self.learnt if row.name == "topic_to_choose"]
         if not told:
             return NothingUsable(self.path, "it holds no topic", hint="was anything recorded?")
+        broken = [name for name, topic in sorted(self.topics.items()) if topic.collector and topic.collector.broken]
+        if broken:
+            hint = "the file is damaged, or its messages are packed in a way that is not read"
+            return NothingUsable(self.path, f"no message of {_some(broken)} is whole", hint=hint)
         if asked:
             return NothingUsable(self.path, "none of its topics is read unless it is named", hint="\n  ".join(asked))
         if offered:

@@ -19,6 +19,7 @@ from typing import Final
 
 from recon.errors import ReadFailed
 from recon.hookspecs import hookimpl
+from recon.rows import warning
 from recon.stages import EVERYTHING, Reader, Sniff, Wanted
 from recon.storage import store_of
 from recon.tables import Streams
@@ -38,29 +39,33 @@ def read(path: Path, params: TopicParams, wanted: Wanted = EVERYTHING) -> Stream
     from recon_readers import _rosbag2  # sqlite3 takes its time
 
     intake = Intake(path, "reader.rosbag", params, wanted)
-    for file in _files(path):
+    version = 2
+    for file in _files(path, intake):
         with file.open("rb") as opened:
             head = opened.read(len(SQLITE))
         if head.startswith(_rosbag1.MAGIC):
+            version = 1
             _rosbag1.Bag(file, intake).take_in()
         elif head.startswith(SQLITE):
             _rosbag2.take_in(file, intake)
         else:
             _mcap_channels.take_in(file, intake)
-    return intake.streams(format=f"ROS {1 if path.suffix == '.bag' else 2} bag")
+    return intake.streams(format=f"ROS {version} bag")
 
 
-def _files(path: Path) -> list[Path]:
-    """The files of a bag in their order: x_2 before x_10. Raises ReadFailed where a folder has none."""
+def _files(path: Path, intake: Intake) -> list[Path]:
+    """The files of a bag in their order: x_2 before x_10. Raises ReadFailed where a folder has none to read."""
     if path.name == METADATA:
         path = path.parent
     if path.is_file():
         return [path]
     found = [file for ending in ("db3", "mcap", "bag") for file in path.glob(f"*.{ending}")]
+    packed = [file.name for file in sorted(path.glob("*.zstd")) if file.with_suffix("") not in found]
     if not found:
-        packed = any(path.glob("*.zstd"))
         hint = "unpack its files with 'zstd -d' first" if packed else "check that the bag was copied completely"
         raise ReadFailed(path, "it holds no .db3, .mcap or .bag file", hint=hint)
+    if packed:
+        intake.learnt.append(warning(f"{', '.join(packed)} is not read: unpack it with 'zstd -d' first"))
     return sorted(found, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
 
 

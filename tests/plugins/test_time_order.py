@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon_readers._time_order import PAUSE_NS, in_order, median_ns, never_falling, pauses, repeating, slots
+from recon_readers._time_order import PAUSE_NS, in_order, median_ns, never_falling, pauses, repeating, rising, slots
 
 SECOND = 1_000_000_000
 YEAR = 31_557_600 * SECOND
@@ -34,6 +34,12 @@ def longest(t_ns: NDArray[np.int64]) -> int:
 
 def rises(t_ns: NDArray[np.int64]) -> bool:
     return bool((np.diff(t_ns) >= 0).all())
+
+
+def test_a_first_time_that_is_far_goes_however_often_it_repeats() -> None:
+    rows, told = rising(np.array([0, 0, 0, *range(YEAR, YEAR + 5 * SECOND, SECOND)]), "imu")
+    assert np.arange(8)[rows].tolist() == [3, 4, 5, 6, 7]
+    assert [(each.name, each.value) for each in told] == [("rows_left_out", 2.0), ("rows_left_out", 1.0)]
 
 
 def test_times_that_rise_are_all_used() -> None:
