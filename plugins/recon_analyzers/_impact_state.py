@@ -13,6 +13,8 @@ from recon.numerics.rotation import conjugate, rotate
 
 _LEANS_S: Final = (0.1, 2.0)
 """s before and after an impact between which a vehicle may have tipped."""
+ROLLS_S: Final = 10.0
+"""s after an impact in which a vehicle rolls over, if it does."""
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,18 +40,20 @@ def speed_at(trajectory: pa.Table | None, zero_ns: int, knots: pa.Table | None) 
     return speed, float(np.sqrt(max(east**2 + north**2 + 2.0 * _correlation(knots, zero_ns) * east * north, 0.0)))
 
 
-def tipped(trajectory: pa.Table | None, span: tuple[int, int]) -> float | None:
-    """By how much the vertical of the vehicle leans otherwise once an impact is over than right before it: rad.
+def tipped(trajectory: pa.Table | None, span: tuple[int, int]) -> tuple[float, float] | None:
+    """By how much the vertical of the vehicle leans otherwise than right before an impact: once it is over, and at most
+    while it may roll, rad.
 
     None where no trajectory tells it. span : ns, of the impact
     """
     if trajectory is None or not has(trajectory, "q"):
         return None
-    t_ns = time_ns(trajectory)
-    rows = np.searchsorted(t_ns, [span[0] - round(_LEANS_S[0] * 1e9), span[1] + round(_LEANS_S[1] * 1e9)])
-    rows = np.clip(rows, 0, len(t_ns) - 1)
-    before, after = (rotate(conjugate(matrix(trajectory.slice(row, 1), "q", gaps=True)[0]), _UP) for row in rows)
-    return float(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after))
+    ends = [span[0] - round(_LEANS_S[0] * 1e9), *(span[1] + round(s * 1e9) for s in (_LEANS_S[1], ROLLS_S))]
+    before, after, last = np.searchsorted(time_ns(trajectory), ends).clip(max=trajectory.num_rows - 1)
+    q = matrix(trajectory.slice(before, last - before + 1), "q", gaps=True)
+    up = rotate(conjugate(q), np.broadcast_to(_UP, (len(q), 3)))
+    lean = np.arctan2(np.linalg.norm(np.cross(up, up[0]), axis=1), up @ up[0])
+    return float(lean[after - before]), float(np.fmax.reduce(lean, initial=0.0))
 
 
 def _correlation(knots: pa.Table | None, at_ns: int) -> float:

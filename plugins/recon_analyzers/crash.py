@@ -54,7 +54,7 @@ from recon.numerics.channel_class import LEAST_RATE
 from recon.numerics.rotation import conjugate, rotate
 from recon.rows import spans
 from recon_analyzers._crash_measures import OLDEST_DELTA_V_S, measures, time_of_max
-from recon_analyzers._impact_state import speed_at, tipped
+from recon_analyzers._impact_state import ROLLS_S, speed_at, tipped
 from recon_analyzers._pulse import NEEDS, Known, Motion, PulseParams, motion_of, pulse_at
 
 _ABOUT: Final[Mapping[str, tuple[str, str]]] = {
@@ -93,6 +93,8 @@ _TOLD: Final = 3.0
 """Sigmas by which a size is told from zero: that of two or three components exceeds two of them too easily."""
 _LEVEL: Final = np.radians(5.0)
 """What roads, springs and flat tyres make of the lean of a vehicle within seconds is less."""
+_ROLLING: Final = np.radians(45.0)
+"""More is none of a car on its wheels, whatever an impact does to its springs."""
 _UNDIRECTED: Final = ("delta_v_resultant_max", "time_of_max", "accel_peak_cfc60_magnitude")
 """What can be told where nobody knows which way is forward."""
 _ALONG: Final[Mapping[str, tuple[str, ...]]] = {
@@ -167,13 +169,19 @@ def _closure(known: Known, span: tuple[int, int], pulse: Pulse) -> Iterable[Metr
 
 
 def _tipping(trajectory: pa.Table | None, span: tuple[int, int]) -> Iterable[Metric]:
-    """Did the vehicle tip, or the box turn in its mount? What it feels is the same."""
-    lean = tipped(trajectory, span)
-    if lean is not None and lean > _LEVEL:
+    """Did the vehicle roll over or tip, or the box turn in its mount? What it feels is the same."""
+    after, most = tipped(trajectory, span) or (0.0, 0.0)
+    if after > _LEVEL:
         yield warning(
-            f"after the crash the box leans by {np.degrees(lean):.0f} deg from how it was right before: did the "
+            f"after the crash the box leans by {np.degrees(after):.0f} deg from how it was right before: did the "
             "vehicle tip, or come to stand askew? else the box was knocked in its mount, and no direction holds: that "
             "of the force, what is told along and across, and the heading behind the crash"
+        )
+    if most > _ROLLING:
+        yield warning(
+            f"within {ROLLS_S:g} s of the crash the box leans by up to {np.degrees(most):.0f} deg: of a vehicle that "
+            "rolls over nothing holds that wheels on a road do; do not trust the intervals of the speed before, nor "
+            "of how far and how fast it went behind the crash"
         )
 
 

@@ -182,8 +182,26 @@ def test_a_log_that_begins_in_the_impact_says_that_the_rest_of_it_is_in_no_numbe
 ])  # fmt: skip
 def test_a_box_that_leans_otherwise_after_the_crash_is_warned_of(turn_deg: tuple[float, ...], told: str) -> None:
     """The vehicle may have tipped; a box that was knocked in its mount feels the same, and its axes are then wrong."""
+    leaning = [note for note in _turned(turn_deg, 0.1) if note.startswith("after the crash the box leans")]
+    assert len(leaning) == bool(told)
+    assert told in " ".join(leaning)
+
+
+@pytest.mark.parametrize(("turn_deg", "told"), [
+    ((0.0, 12.0, 300.0), ""), ((90.0, 0.0, 0.0), "up to 90 deg"), ((-360.0, 0.0, 0.0), "up to 180 deg"),
+])  # fmt: skip
+def test_a_vehicle_that_rolls_over_is_warned_of_also_where_it_lands_on_its_wheels(
+    turn_deg: tuple[float, ...], told: str
+) -> None:
+    rolling = [note for note in _turned(turn_deg, 3.0) if "rolls over" in note]
+    assert len(rolling) == bool(told)
+    assert told in " ".join(rolling)
+
+
+def _turned(turn_deg: tuple[float, ...], lasts_s: float) -> list[str]:
+    """Warnings of a vehicle that turns from time zero on."""
     t_s = pulses.times()
-    turned = np.clip(t_s - pulses.ZERO_S, 0.0, 0.1)[:, None] / 0.1 * np.radians(turn_deg)
+    turned = np.clip(t_s - pulses.ZERO_S, 0.0, lasts_s)[:, None] / lasts_s * np.radians(turn_deg)
     accel = pulses.crash(t_s, (-9.0, 0.0)) - [0.0, 0.0, G]
     none = np.zeros_like(accel)
     time = np.rint(t_s * 1e9).astype(np.int64)
@@ -192,9 +210,7 @@ def test_a_box_that_leans_otherwise_after_the_crash_is_warned_of(turn_deg: tuple
     found = analyze_crash(
         trajectory=trajectory, imu=None, knots=None, events=events, metrics=None, params=CrashParams()
     )  # fmt: skip
-    leaning = [note for note in warnings_of(found["metrics"]) if "leans" in note]
-    assert len(leaning) == bool(told)
-    assert told in " ".join(leaning)
+    return warnings_of(found["metrics"])
 
 
 @pytest.mark.parametrize(("way", "told"), [
