@@ -131,8 +131,9 @@ class Fusion:
         held_density : m/s^1.5, of the noise in steps that are held
         """
         silent = np.append(0.0, np.cumsum(np.where(held, np.diff(t_s), 0.0)))
-        edges = np.append(fix_s, t_s[-1] + 1.0)
-        share = np.diff(np.interp(edges, t_s, silent)) / np.diff(edges)
+        edges = np.append(fix_s, t_s[-1])
+        step = np.diff(edges)
+        share = np.diff(np.interp(edges, t_s, silent)) / np.where(step > 0.0, step, 1.0)
         here, there = pushes(t_s, acc, held, fix_s)
         return cls(t_s, fix_s, fix, fix_var, here, there, share * held_density**2, (gate, patience))
 

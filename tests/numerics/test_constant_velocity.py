@@ -195,6 +195,15 @@ def test_steps_of_which_nothing_is_known_hold_the_velocity_and_raise_the_sigma()
     assert found.pos_var[-1, 0] > known.pos_var[-1, 0] + 50.0**2 * 10.0**3 / 12.0
 
 
+def test_a_step_of_which_nothing_is_known_after_the_last_fix_counts_in_full() -> None:
+    t_s, held = np.array([0.0, 1.0, 3.0]), np.array([False, True])
+    fix = np.zeros((2, 1))
+    found, _ = run(t_s, np.zeros((3, 1)), t_s[:2], fix, held=held, held_density=2.0)
+    # white noise of the density added to that of the known acceleration, for 2 s
+    added = (2.0**2 + DENSITY**2) * 2.0
+    assert found.vel_var[2, 0] - found.vel_var[1, 0] == pytest.approx(added)
+
+
 def test_rows_before_the_first_fix_are_left_out_and_rows_after_the_last_are_predicted() -> None:
     t_s, acc, pos, _ = drive(9)
     rows = np.arange(500, 2000, 50)
