@@ -28,6 +28,8 @@ _BETTER: Final = 0.6
 """Share of the squares of the first three, which is left at most where the box did turn; fixes in multipath are put
 aside for less, where every turn too many takes some of them in.
 """
+_UPSET: Final = 5.0
+"""Times the usual bank of a road, beyond which leaning into bends explains nothing."""
 _JUMP: Final = 10.0
 """Growth of the walks of biases, which stay in the axes of a box and so jump in those of the vehicle."""
 _MOVING: Final = 1.0
@@ -57,9 +59,9 @@ def mounted(imu: pa.Table, solve: Solve, expected: Noise, wheels: bool, may_turn
     What leans into bends is left as it is. expected : noise before any was estimated, if it is
     """
     alone = Mounted(imu, *solve(imu, wheels, expected), [])
-    if not (wheels and may_turn) or alone.found.smoother.model.lean:
-        return alone
-    if _misfit(alone.found, expected).max() < 1.0:
+    misfit = _misfit(alone.found, expected)
+    leans = alone.found.smoother.model.lean != 0.0 and misfit[2] < _UPSET
+    if not (wheels and may_turn) or leans or misfit.max() < 1.0:
         return alone
     try:
         best = _turned_back_best(alone, solve, expected)

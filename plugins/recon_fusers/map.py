@@ -313,7 +313,7 @@ def declare_fusers() -> Iterable[Fuser]:
     yield Fuser(
         name="map",
         summary="The best trajectory of a whole drive from IMU and GNSS, by robust batch smoothing.",
-        version=12,
+        version=13,
         params=MapParams,
         reads={
             "imu": IMU.need("accel", "gyro", quantity={"accel": "specific_force"}),

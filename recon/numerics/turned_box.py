@@ -23,7 +23,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.numerics.integration import cumulative
+from recon.numerics.rotation import conjugate, from_matrix, from_rotvec, multiply, to_rotvec
+from recon.numerics.rotation_series import compose
 
 Floats = NDArray[np.float64]
 
@@ -31,8 +32,10 @@ _FAST: Final = 5.0
 """m/s; whoever drives faster goes ahead."""
 _STRAIGHT: Final = 1.0
 """m/s^2 across, below which a body hardly leans."""
-_FEWEST: Final = 8
-"""Attitudes in a stretch."""
+_FEWEST, _FEWEST_AT_ENDS = 4, 2
+"""Attitudes in a stretch, and in the first and the last, which may go on where none are told."""
+_BESIDE: Final = 8
+"""Attitudes before and after a turn, at most, by which it is judged."""
 _PENALTY: Final = 0.04
 """Of a further stretch: what two times fifteen attitudes gain that are 3 degrees apart."""
 _LEAST: Final = np.radians(2.5)
@@ -45,6 +48,8 @@ _TENTH: Final = 0.1
 """Share of a turn from which it has begun, and which is left when it is over."""
 _UNREAD: Final = 0.4
 """Share of a turn that the gyroscope reads at least, or else the course does not make all of it."""
+_READ: Final = 0.3
+"""Share of a turn by which what is read beside it may miss it, for attitudes while it turns blur it."""
 _TILTED: Final = 0.3
 """Share of a turn that is no heading, from which on it is looked at alone, for a vehicle hardly turns so."""
 _AROUND_S: Final = 5.0
@@ -146,29 +151,44 @@ def when_read(turns: list[Turn], t_s: Floats, gyro_s: Floats, course: Floats, up
     axes = [np.eye(3), *(turn.first_from_new for turn in turns)]
     found = []
     for turn, before in zip(turns, axes, strict=False):
-        old_from_new = before.T @ turn.first_from_new
         rows = slice(*np.searchsorted(t_s, [turn.start_s - _AROUND_S, turn.end_s + _AROUND_S]))
         if rows.stop - rows.start < 2:  # in a silence of the IMU, where the attitudes are hardly known
             continue
-        up, along = up_s[rows.start], _axis(old_from_new)
-        level = along - (along @ up) * up
-        if np.linalg.norm(level) > _TILTED:
-            along = level / np.linalg.norm(level)
-        angle = _angle(old_from_new) * float(_axis(old_from_new) @ along)
-        read = cumulative(t_s[rows], gyro_s[rows] @ along, "trapezoid")
-        driven = (course[rows] - course[rows.start]) * (up @ along)
-        when = _when(turn, angle, t_s[rows], read - driven)
-        inside = np.searchsorted(t_s[rows], [when.start_s, when.end_s]).clip(max=len(read) - 1)
-        if max(abs(np.diff(read[inside])[0]), abs(np.diff(driven[inside])[0] + angle)) > _UNREAD * angle:
+        up, driven = up_s[rows.start], course[rows] - course[rows.start]
+        whole = _rotvec(before.T @ turn.first_from_new)
+        turned = _beside(t_s[rows], gyro_s[rows], driven[:, None] * up)
+        level = whole - (whole @ up) * up
+        if np.linalg.norm(level) > _TILTED * np.linalg.norm(whole):
+            whole, turned = level, turned - (turned @ up)[:, None] * up
+        when = _when(turn, whole, t_s[rows], turned)
+        inside = np.searchsorted(t_s[rows], [when.start_s, when.end_s]).clip(max=len(driven) - 1)
+        size = float(np.linalg.norm(whole))
+        along = whole / max(size, np.finfo(float).tiny)
+        bend = float(np.diff(driven[inside])[0] * (up @ along))
+        read = float(np.diff(turned[inside], axis=0)[0] @ along) + bend
+        if max(abs(read), abs(bend + size)) > _UNREAD * size:
             found.append(when)
     return _counting(found)
 
 
-def _when(turn: Turn, angle: float, t_s: Floats, turned: Floats) -> Turn:
-    """About the best step from nothing to the whole angle, from its first tenth to its last. t_s, turned : (n,)"""
-    before, behind = np.abs(turned), np.abs(turned - angle)
+def _beside(t_s: Floats, gyro_s: Floats, vehicle: Floats) -> Floats:
+    """What a box turned beside its vehicle: rotation vectors (n, 3) rad, in its axes of the beginning.
+
+    t_s : (n,) s; gyro_s : (n, 3) rad/s; vehicle : (n, 3) rad, rotation vectors, in the axes of the beginning
+    """
+    steps = 0.5 * (gyro_s[1:] + gyro_s[:-1]) * np.diff(t_s)[:, None]
+    box = compose(from_rotvec(steps), (1.0, 0.0, 0.0, 0.0))
+    return to_rotvec(multiply(conjugate(from_rotvec(vehicle)), box))
+
+
+def _when(turn: Turn, whole: Floats, t_s: Floats, turned: Floats) -> Turn:
+    """About the best step from nothing to the whole, from its first tenth to its last. whole : (3,); turned : (n, 3)"""
+    size = np.linalg.norm(whole)
+    if np.linalg.norm(turned[-1] - whole) < _READ * size:
+        whole = turned[-1]
+    before, behind = (np.sqrt(((turned - one) ** 2).sum(axis=1)) for one in (np.zeros(3), whole))
     step = int(np.argmin(np.cumsum(before) - np.cumsum(behind)))
-    still, done = np.flatnonzero(turned[: step + 1] < _TENTH * angle), turned[step:] > (1.0 - _TENTH) * angle
+    still, done = np.flatnonzero(before[: step + 1] < _TENTH * size), behind[step:] < _TENTH * size
     if not len(still) or not done.any():
         return turn
     start, end = float(t_s[still[-1]]), float(t_s[step + int(np.argmax(done))])
@@ -191,8 +211,8 @@ def _stretches(axes: Floats) -> list[int]:
     total = np.concatenate([np.zeros((1, 9)), np.cumsum(axes.reshape(n, 9), axis=0)])
     cost, origin = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=int)
     cost[0] = 0.0
-    for stop in range(_FEWEST, n + 1):
-        first = np.arange(stop - _FEWEST + 1)
+    for stop in range(_FEWEST_AT_ENDS, n + 1):
+        first = np.arange(max(stop - (_FEWEST_AT_ENDS if stop == n else _FEWEST) + 1, 1))
         length = stop - first
         spread = 3.0 * length - ((total[stop] - total[first]) ** 2).sum(axis=1) / length
         every = cost[first] + spread + _PENALTY
@@ -209,7 +229,10 @@ def _merged(seen: Attitudes, bounds: list[int]) -> list[int]:
     while len(bounds) > 2:
         means = [_mean(seen.axes[i:j]) for i, j in pairwise(bounds)]
         whole = [_angle(one.T @ other) for one, other in pairwise(means)]
-        sure = [min(angle / _LEAST, _sure(seen, at)) for angle, at in zip(whole, bounds[1:-1], strict=True)]
+        sure = [
+            min(angle / _LEAST, _sure(seen, *three))
+            for angle, three in zip(whole, zip(bounds, bounds[1:], bounds[2:], strict=False), strict=True)
+        ]
         least = int(np.argmin(sure))
         if sure[least] > 1.0:
             break
@@ -217,9 +240,9 @@ def _merged(seen: Attitudes, bounds: list[int]) -> list[int]:
     return bounds
 
 
-def _sure(seen: Attitudes, at: int) -> float:
-    """The turn from the attitudes before one to those from it on, in the least that counts as one."""
-    beside = seen.axes[at - _FEWEST : at], seen.axes[at : at + _FEWEST]
+def _sure(seen: Attitudes, start: int, at: int, stop: int) -> float:
+    """The turn from the attitudes since start to those at `at` and behind until stop, in the least that counts."""
+    beside = seen.axes[max(start, at - _BESIDE) : at], seen.axes[at : min(stop, at + _BESIDE)]
     one, other = (_mean(axes) for axes in beside)
     spread = max(np.sqrt(0.5 * ((axes - _mean(axes)) ** 2).sum(axis=(1, 2)).mean()) for axes in beside)
     least = max(_LEAST, _SURE * seen.sigma[at - 1], _SURE * seen.sigma[at], _SPREADS * spread)
@@ -237,7 +260,6 @@ def _angle(rot: Floats) -> float:
     return float(2.0 * np.arcsin(min(np.sqrt(((rot - np.eye(3)) ** 2).sum() / 8.0), 1.0)))
 
 
-def _axis(rot: Floats) -> Floats:
-    """About which a matrix turns by less than pi: (3,), of length 1."""
-    twice = np.array([rot[2, 1] - rot[1, 2], rot[0, 2] - rot[2, 0], rot[1, 0] - rot[0, 1]])
-    return np.asarray(twice / max(float(np.linalg.norm(twice)), np.finfo(float).tiny))
+def _rotvec(rot: Floats) -> Floats:
+    """Of a matrix: (3,) rad."""
+    return to_rotvec(from_matrix(rot))

@@ -1,12 +1,13 @@
 """What fuser.map makes of a box that turns in its mount while it is driven.
 
-    python tests/benchmarks/turned_box.py [--seeds 32] [--first 9400]
+    python tests/benchmarks/turned_box.py [--seeds 32] [--first 9400] [--untouched 0]
 
 Simulated drives of ten and twenty minutes, each on a route of its own, of four kinds. In each the box turns once to
 three times, by 4 to 120 deg about any axis within 0.3 to 8 s, anywhere between an eighth of the drive and seven. Next
 to it the same drive of a box that stays. Root mean squares of a drive are errors of the vehicle's attitude and of the
 place. Of the drives whose heading is more than three of its sigmas off those are counted that are not warned of with
-"do not trust" or "take care".
+"do not trust" or "take care". `--untouched`: so many drives of ten minutes whose box nobody touched, and as many with
+every fifth or seventh fix in bursts of multipath of 5 to 60 s: in how many is it taken to turn?
 """
 
 from __future__ import annotations
@@ -51,12 +52,27 @@ def row_of(truth: Streams, found: Streams) -> tuple[Floats, bool, bool]:
     return np.array([*np.degrees([sizes[2], sizes[:2].max()]), off.horizontal()]), bool(over > 3.0), told
 
 
+def taken_to_turn(first: int, count: int, multipath: bool) -> int:
+    """Drives, of boxes that stay, that are told to turn."""
+    taken = 0
+    for seed in range(first, first + count):
+        motion, sensors = _KINDS[seed % len(_KINDS)]
+        share = {"multipath": 0.2 if seed % 8 < 4 else 1.0 / 7.0, "multipath_length": (5.0, 60.0)} if multipath else {}
+        taken += bool(spans(fused(drive(motion, sensors, seed, **share))["events"], "box_turned"))
+    return taken
+
+
 def main() -> None:
     """Print a line for each drive, and what comes out of all."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--seeds", type=int, default=32)
     options.add_argument("--first", type=int, default=9400)
+    options.add_argument("--untouched", type=int, default=0)
     given = options.parse_args()
+    if given.untouched:
+        plain, bursts = (taken_to_turn(given.first, given.untouched, multipath) for multipath in (False, True))
+        print(f"of {given.untouched} boxes that stay {plain} are taken to turn, and {bursts} in multipath")
+        return
     rows: dict[str, list[Floats]] = {"turned": [], "stays": []}
     over, unwarned, as_many = 0, 0, 0
     for seed in range(given.first, given.first + given.seeds):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from recon.numerics.rotation import Floats, from_euler, from_rotvec, to_matrix
+from recon.numerics.rotation import Floats, from_euler, from_rotvec, multiply, to_matrix
 from recon.numerics.turned_box import Attitudes, Turn, attitudes, refined, sizes, turned_back, turns_of, when_read
 
 T_S = np.arange(0.0, 200.0, 2.0)
@@ -54,7 +54,7 @@ def test_several_turns_are_told_against_the_first_mounting():
         seen({}),
         seen({100.0: matrices((2.0, 0.0, 0.0))[0]}),  # a body leans as much by itself
         seen({100.0: matrices((6.0, 0.0, 0.0))[0]}, sigma=2.0),  # not known well enough
-        seen({100.0: matrices((30.0, 0.0, 0.0))[0], 110.0: np.eye(3)}),  # a few attitudes that go astray
+        seen({100.0: matrices((30.0, 0.0, 0.0))[0], 104.0: np.eye(3)}),  # a few attitudes that go astray
         Attitudes(T_S[:10], np.repeat(np.eye(3)[None], 10, axis=0), np.zeros(10)),
         Attitudes(T_S[:0], np.zeros((0, 3, 3)), np.zeros(0)),
     ],
@@ -131,3 +131,28 @@ def test_only_straight_and_fast_parts_tell_attitudes():
     told = attitudes(np.arange(30.0), rot_ns, vel, np.einsum("ij,ik->jk", mount, rate), np.zeros(30))
     np.testing.assert_array_equal(told.t_s, np.arange(10.0, 20.0))
     np.testing.assert_allclose(told.axes, np.repeat(mount[None], 10, axis=0), atol=1e-12)
+
+
+def test_a_box_that_is_put_down_turned_a_little_later_turns_twice():
+    """Twelve seconds between the two are six attitudes."""
+    turns = turns_of(seen({100.0: matrices((30.0, 0.0, 0.0))[0], 112.0: matrices((0.0, 20.0, 0.0))[0]}))
+    assert [(turn.start_s, turn.end_s) for turn in turns] == [(98.0, 100.0), (110.0, 112.0)]
+
+
+def test_a_hand_that_turns_a_box_to_and_fro_is_told_as_long_as_it_does():
+    """By 40 degrees for two seconds and more than back for four: its axis is that of neither."""
+    t_s = np.arange(0.0, 60.0, 0.01)
+    gyro = np.outer(np.where((t_s > 20.0) & (t_s < 22.0), np.radians(-20.0), 0.0), (0.6, 0.0, 0.8))
+    gyro += np.outer(np.where((t_s > 22.0) & (t_s < 26.0), np.radians(15.0), 0.0), (0.0, 0.6, 0.8))
+    turned = np.asarray(
+        to_matrix(
+            multiply(
+                from_rotvec(np.radians(-40.0) * np.array([0.6, 0.0, 0.8])),
+                from_rotvec(np.radians(60.0) * np.array([0.0, 0.6, 0.8])),
+            )
+        )
+    )
+    up_s = np.tile([0.0, 0.0, 1.0], (len(t_s), 1))
+    (turn,) = when_read([Turn(24.0, 26.0, turned)], t_s, gyro, np.zeros(len(t_s)), up_s)
+    assert 18.0 < turn.start_s <= 20.3
+    assert 25.7 <= turn.end_s < 28.0

@@ -11,7 +11,7 @@ from map_drives import drive, errors, fused, numbers
 from turned_drives import turned
 
 from recon import Event, Streams, events, matrix, time_ns
-from recon.numerics.rotation import angle, conjugate, from_euler, multiply, rotate
+from recon.numerics.rotation import angle, conjugate, from_euler, from_rotvec, multiply, rotate
 from recon.numerics.smoothing import estimate
 from recon.rows import spans, warnings_of
 from recon.tables import replace
@@ -78,6 +78,16 @@ def test_two_turns_are_two():
     found = fused({**log, "imu": imu})
     assert len(spans(found["events"], "box_turned")) == 2
     assert errors(log, found).heading_of_vehicle < 0.4
+
+
+def test_a_car_whose_box_is_laid_down_is_no_motorbike():
+    """Two large turns look like roads that bank by tens of degrees, some of which leaning into bends would explain."""
+    log = drive("country", "study_one", 9428, duration=600.0)
+    true = [from_rotvec(np.radians(turn)) for turn in ((-8.0, 23.1, -99.4), (26.8, 99.6, 59.0))]
+    imu = turned({**log, "imu": turned(log, true[0], 120.9, 5.0)}, true[1], 221.8, 2.4)
+    found = fused({**log, "imu": imu})
+    assert len(spans(found["events"], "box_turned")) == 2
+    assert errors(log, found).heading_of_vehicle < 0.3
 
 
 def test_a_turn_is_found_wherever_the_noise_is_learnt_from():
