@@ -5,7 +5,8 @@ of what receivers err by for minutes, s, a Gauss-Markov process of first order t
 
     z = (p + s, v, s),    cov(z_k, z_k+1) = [G P + S, S; S, S],    S = exp(-T / tau) sigma_k sigma_k+1
 
-in the form that recon.knots asks for. The attitude is taken as it is given: how well it is known is not.
+and of what its change adds to the velocity, which lasts as long as the smoother looks about, sqrt(P_pp / P_vv), in the
+form that recon.knots asks for. The attitude is taken as it is given: how well it is known is not.
 
 Reference: Brown, Hwang (2012), "Introduction to random signals and applied Kalman filtering", 4th ed., 3.6.
 """
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from recon import KNOTS, Array, build, meta, with_meta
 from recon.knots import SIZE, Knots
+from recon.numerics.constant_velocity import drift_variance
 from recon.numerics.constant_velocity_chain import Chain
 from recon.numerics.smoothing.soa import mm
 
@@ -49,10 +51,16 @@ def knots(
 
 def _covariances(found: Chain, t_ns: NDArray[np.int64], slow: Array, tau_s: float) -> tuple[Array, Array]:
     """Roots (N, 12, 12) of the covariances at the knots, and those of each knot and the next (N-1, 12, 12)."""
-    kept = np.exp(-np.diff(t_ns) * 1e-9 / tau_s)[:, None]
+    step_s = np.diff(t_ns)[:, None] * 1e-9
+    kept = np.exp(-step_s / tau_s)
     slow = np.maximum(slow, 1e-6)  # m: without anything that lasts there were no root
-    own = _placed(found.covariance, slow**2)
-    after = _placed(mm(found.gains, found.covariance[:, :, 1:]), kept * slow[:-1] * slow[1:])
+    pos_var, vel_var = found.covariance[0, 0], found.covariance[1, 1]
+    drift = np.sqrt(drift_variance(pos_var, vel_var, slow, tau_s, smooth=True))
+    moving, moved = found.covariance.copy(), mm(found.gains, found.covariance[:, :, 1:])
+    moving[1, 1] += drift**2
+    moved[1, 1] += np.exp(-step_s * np.sqrt(vel_var / pos_var)[1:]) * drift[:-1] * drift[1:]
+    own = _placed(moving, slow**2)
+    after = _placed(moved, kept * slow[:-1] * slow[1:])
     return np.asarray(np.linalg.cholesky(own), np.float64), after
 
 

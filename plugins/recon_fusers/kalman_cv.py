@@ -11,7 +11,8 @@ Striebel). In steps in which the imu is silent the acceleration is not known, an
 
 Receivers err by much the same for minutes. No filter of positions averages that away: of the variance of a fix the
 share `slow_share` is kept out of R and added to what the result claims; between two times it is alike as far as it has
-not changed within `slow_time`. The sigmas of changes follow from the stream `knots`, which a smoother alone can write.
+not changed within `slow_time`. Its change looks like velocity, to whose sigma that is added. The sigmas of changes
+follow from the stream `knots`, which a smoother alone can write.
 
 fuser.map estimates attitude, biases, mounting and delays together with the motion, and is several times better.
 
@@ -57,7 +58,7 @@ from recon import (
     with_meta,
 )
 from recon.errors import NotEnoughData
-from recon.numerics.constant_velocity import Fusion, Motion
+from recon.numerics.constant_velocity import Fusion, Motion, drift_variance
 from recon.numerics.constant_velocity_chain import chain
 from recon.numerics.rotation_series import slerp
 from recon.placing import geolocate, silence_warnings, silent_steps
@@ -127,7 +128,8 @@ def kalman_cv(*, imu: pa.Table, gnss: pa.Table, attitude: pa.Table | None, param
         *silence_warnings(imu, silent, "the acceleration is taken as zero"),
         *counts(t_ns, kept, seen, params.gate),
     ]
-    trajectory = geolocate(with_meta(_trajectory(kept, found, slow, attitude), **meta(imu), **_body(attitude)), gnss)
+    moved = _trajectory(kept, found, slow, attitude, params)
+    trajectory = geolocate(with_meta(moved, **meta(imu), **_body(attitude)), gnss)
     streams = {
         "trajectory": trajectory,
         "residuals": residuals(fix_ns[1:], seen, params.gate),
@@ -157,8 +159,11 @@ def _fusion(
     )
 
 
-def _trajectory(t_ns: NDArray[np.int64], found: Motion, slow: Array, attitude: pa.Table | None) -> pa.Table:
+def _trajectory(
+    t_ns: NDArray[np.int64], found: Motion, slow: Array, attitude: pa.Table | None, params: KalmanParams
+) -> pa.Table:
     """What was found at the times t_ns (n,) ns; slow : (n, 3) m, sigma of what fixes err by for minutes."""
+    drift_var = drift_variance(found.pos_var, found.vel_var, slow, params.slow_time, smooth=params.smooth)
     return build(
         TRAJECTORY,
         time=t_ns,
@@ -166,7 +171,7 @@ def _trajectory(t_ns: NDArray[np.int64], found: Motion, slow: Array, attitude: p
         vel=found.vel,
         q=_attitude(t_ns, attitude),
         pos_std=np.sqrt(found.pos_var + slow**2),
-        vel_std=np.sqrt(found.vel_var),
+        vel_std=np.sqrt(found.vel_var + drift_var),
     )
 
 

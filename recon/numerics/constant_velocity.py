@@ -5,6 +5,12 @@ On each axis, with x = (p, v), acceleration a(t) as the control and w white nois
     dp/dt = v,   dv/dt = a + w            x_k+1 = F x_k + (dp, dv),   F = [1 h; 0 1],   Q = q^2 [h^3/3 h^2/2; h^2/2 h]
     z_k = p_k + r_k                       e = z - p,   s = P_pp + R,   K = (P_pp, P_pv) / s
 
+An error s of the positions that lasts for a time tau, as a Gauss-Markov process, is none of this model: estimates
+follow it, so that it adds s^2 to the variance of p, and its change looks like velocity. That is white of density
+2 s^2 / tau for all that changes sooner, and of it an even filter with T^2 = P_pp / P_vv passes s^2 / (sqrt(2) tau T),
+being of second order with a damping of 1 / sqrt(2), an even smoother, of gain 1 / (1 + (w T)^4), three quarters as
+much.
+
 What the acceleration does between two times, dp and dv, follows from its integrals since the first sample, which are
 worked out once for all samples: so the filter steps from position to position, whatever the rate of the accelerations,
 and the estimate at every sample is the one closed step from the position before it. The axes have nothing in common.
@@ -48,6 +54,15 @@ class Motion:
     vel: Floats
     pos_var: Floats
     vel_var: Floats
+
+
+def drift_variance(pos_var: Floats, vel_var: Floats, lasting: Floats, tau_s: float, *, smooth: bool) -> Floats:
+    """What errors of positions that last for minutes add to the variance of a velocity: (n, k) m^2/s^2.
+
+    pos_var, vel_var : (n, k) m^2, m^2/s^2, of the model; lasting : (n, k) m, their sigma; tau_s : s
+    """
+    passed = (0.75 if smooth else 1.0) / np.sqrt(2.0)
+    return np.asarray(passed * lasting**2 / tau_s * np.sqrt(vel_var / pos_var))
 
 
 @dataclass(frozen=True)
