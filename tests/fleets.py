@@ -48,6 +48,12 @@ def trouble(path, params):
         raise RuntimeError("a wheel came off")
     if what == "kill":
         os._exit(9)
+    if what == "orphan":
+        if os.fork() == 0:
+            time.sleep(600)
+        os._exit(9)
+    if what == "pid":
+        path.with_suffix(".pid").write_text(str(os.getpid()))
     if what == "sleep":
         time.sleep(600)
     if what == "eat":

@@ -23,7 +23,10 @@ from recon.units import format_quantity
 from recon_executors import _frames as frames
 
 LOOK_S: Final = 0.05
-"""Between two looks at a job that has a limit."""
+"""Between two looks at a job."""
+MOST_JOBS: Final = 500
+"""Of one process, which takes a second or two to begin. What a stage leaks, as files that stay open, fails no drive
+behind it then."""
 
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS")
 """Numeric libraries whose threads are counted by the environment: <name>_NUM_THREADS."""
@@ -40,6 +43,7 @@ class Worker:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
+        self._jobs = 0
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - `stop` closes it
 
     def __enter__(self) -> Worker:
@@ -81,9 +85,10 @@ class Worker:
                 return None
             self._said.seek(0)
             self._said.truncate()
-            if self._process is None or self._process.poll() is not None:
+            if self._process is None or self._process.poll() is not None or self._jobs == MOST_JOBS:
                 self._end()
-                self._process = _started(self._threads, self._said.fileno())
+                self._process, self._jobs = _started(self._threads, self._said.fileno()), 0
+            self._jobs += 1
             return self._process
 
     def _end(self) -> None:
@@ -109,7 +114,10 @@ class Worker:
 
 
 class _Watch:
-    """While it is entered, ends a process that takes more than its job may. reason : why it was ended, if it was."""
+    """While it is entered, ends a process that takes more than its job may, and what is left of one that died.
+
+    reason : why it was ended, if it was
+    """
 
     def __init__(self, process: subprocess.Popen[bytes], job: Job) -> None:
         self._process = process
@@ -119,19 +127,20 @@ class _Watch:
         self.reason: tuple[str, str] | None = None
 
     def __enter__(self) -> None:
-        if self._job.timeout is not None or self._job.memory is not None:
-            self._thread.start()
+        self._thread.start()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._over.set()
-        if self._thread.ident is not None:
-            self._thread.join()
+        self._thread.join()
 
     def _look(self) -> None:
         started = time.monotonic()
         while not self._over.wait(LOOK_S):
+            if _is_dead(self._process.pid):  # what it began may live, and hold the pipe open for ever
+                end_tree(self._process.pid)
+                return
             held = _held(self._process.pid) if self._job.memory is not None else 0
             if self._job.timeout is not None and time.monotonic() - started > self._job.timeout:
                 self.reason = (TIMED_OUT, f"it took more than {format_quantity(self._job.timeout, 's')}")
@@ -155,6 +164,7 @@ def _started(threads: int, errors: int) -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=errors,
         env=environment,
+        process_group=None if sys.platform == "win32" else 0,  # by which what it began is found when it is dead
     )
 
 
@@ -181,7 +191,7 @@ def cores() -> int:
 
 
 def end_tree(pid: int) -> None:
-    """Kill a process and its children."""
+    """Kill a process that `_started` began, and all that it began, also where it is dead but not yet waited for."""
     import psutil
 
     try:
@@ -192,6 +202,18 @@ def end_tree(pid: int) -> None:
     for member in family:
         with suppress(psutil.Error):
             member.kill()
+    if sys.platform != "win32":
+        with suppress(OSError):
+            os.killpg(pid, Signals.SIGKILL)
+
+
+def _is_dead(pid: int) -> bool:
+    import psutil
+
+    try:
+        return bool(psutil.Process(pid).status() in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD))
+    except psutil.Error:
+        return True
 
 
 def _signal_name(number: int) -> str:

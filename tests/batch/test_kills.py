@@ -14,6 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from fleets import BATCH, begin, children, finish, fleet, keys, killing_one_a_second, results, wait_for
 
+from recon.cli import main
+from recon_executors import _worker
+
 SLOW = {f"{vehicle}/d{number}": f"slow {number + 1}" for vehicle in "AB" for number in range(10)}
 """Drives that take 0.2 s each, so that a batch lasts long enough to be killed in its midst."""
 
@@ -107,6 +110,27 @@ def test_a_batch_goes_on_when_all_its_workers_die_at_once(tmp_path: Path) -> Non
     assert len(workers) == 3
     assert driver.returncode == 0, errors
     assert json.loads(out)["done"] == len(SLOW)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows forks no process")
+def test_what_a_dead_job_leaves_running_does_not_hold_the_batch(tmp_path: Path) -> None:
+    """The job's own child has its end of the pipe, too, so the pipe alone never says that the job is dead."""
+    file = fleet(tmp_path, {"A/orphan": "orphan 1", "B/good": "good 1"})
+    code, _, errors = finish(file)
+    assert code == 6
+    assert "failed: vehicle=A/drive=orphan: died: its process ended with exit code 9\n" in errors
+    assert results(file.parent / "results").keys() == keys(["B/good"])
+
+
+def test_a_process_does_so_many_jobs_and_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a stage leaks, files that stay open for one, is gone with the process."""
+    monkeypatch.setattr(_worker, "MOST_JOBS", 2)
+    file = fleet(tmp_path, {f"A/d{number}": "pid 1" for number in range(5)}, BATCH.replace("workers: 3", "workers: 1"))
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    assert main(["batch", str(file)]) == 0
+    first, second, third, fourth, fifth = (path.read_text() for path in sorted(tmp_path.rglob("*.pid")))
+    assert (first, third) == (second, fourth)
+    assert len({first, third, fifth}) == 3
 
 
 def test_two_batches_on_one_output_are_refused_and_a_dead_one_does_not_count(tmp_path: Path) -> None:
