@@ -19,7 +19,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from recon import api
-from recon.errors import NotEnoughData
+from recon.errors import DataError, NotEnoughData
 from recon.evaluation import match
 from recon.numerics.evaluation import errors
 from recon.overrides import Override
@@ -35,6 +35,8 @@ APART_S: Final = 30.0
 """s with fixes before, between and behind outages, in which a filter finds its biases again; in short logs"""
 _SHARE: Final = 0.2
 """of them."""
+_ALL: Final = "all fixes"
+"""What the pipeline ran over for comparison."""
 _LATE_S: Final = 2.0
 """The row that is compared must not lie further before the end of the outage."""
 
@@ -137,18 +139,23 @@ class Study:
     """Outages by their length in s; against : what they are compared with, "reference" or "all fixes"
 
     warnings : of the pipeline, by what it ran over: "all fixes", where that was needed, and "outages of 10 s"
+    lost : why there is no result with outages of a length, by the length; of that length there are none then
     """
 
     outages: Mapping[float, Sequence[Outage]]
     against: str
     warnings: Mapping[str, Sequence[str]]
+    lost: Mapping[float, str]
 
     def as_data(self) -> dict[str, Any]:
         """As JSON holds it: statistics of each length, every outage, null for what is not known."""
         return {
             "against": self.against,
             "warnings": {over: list(texts) for over, texts in self.warnings.items()},
-            "lengths": [{"length_s": s, **statistics(some, self.against)} for s, some in self.outages.items()],
+            "lengths": [
+                {"length_s": s, **statistics(some, self.against), "lost": self.lost.get(s)}
+                for s, some in self.outages.items()
+            ],
             "outages": [_plain(one) for some in self.outages.values() for one in some],
         }
 
@@ -167,7 +174,8 @@ def study(
     """Outages of each length in s on a log, by a pipeline that begins with a reader; its exporters are left out.
 
     most : outages of each length; overrides : parameters of the pipeline; progress : told what the pipeline runs over
-    Raises as `recon.run`, NotEnoughData.
+    A length that leaves the pipeline too little is told, the others go on. Raises as `recon.run`, NotEnoughData, also
+    where every length fails.
     """
     registry = registry or Registry.installed()
     left_out = {step.id for step in pipeline.steps if role_of(step.use) == Exporter.role}
@@ -178,39 +186,50 @@ def study(
     others = [one for one in overrides if one not in of_reader and one.step not in left_out]
     reading = replace(pipeline, name="outages", steps=first)
     log = api.execute(reading, paths, None, of_reader, registry=registry).recording
-    over = [*([] if "reference" in log else ["all fixes"]), *(f"outages of {length:g} s" for length in lengths)]
-    warnings: list[list[str]] = []
+    over = [*([] if "reference" in log else [_ALL]), *(_named(length) for length in lengths)]
+    warnings: dict[str, list[str]] = {}
 
-    def solve(recording: Recording) -> pa.Table:
-        progress(len(warnings), len(over), over[len(warnings)])
+    def solve(recording: Recording, name: str) -> pa.Table:
+        progress(over.index(name), len(over), name)
         run = api.execute(pipeline, recording, None, others, registry=registry)
-        warnings.append(run.warnings)
+        warnings[name] = run.warnings
         return run.trajectory.table
 
-    outages, against = simulate(log, solve, lengths, most, seed)
-    return Study(outages, against, dict(zip(over, warnings, strict=True)))
+    outages, against, lost = simulate(log, solve, lengths, most, seed)
+    return Study(outages, against, warnings, lost)
+
+
+def _named(length: float) -> str:
+    return f"outages of {length:g} s"
 
 
 def simulate(
     recording: Recording,
-    solve: Callable[[Recording], pa.Table],
+    solve: Callable[[Recording, str], pa.Table],
     lengths: Sequence[float],
     most: int,
     seed: int,
-) -> tuple[dict[float, list[Outage]], str]:
-    """Outages of each length in s, and what they are compared with: "reference" or "all fixes".
+) -> tuple[dict[float, list[Outage]], str, dict[float, str]]:
+    """Outages of each length in s; what they are compared with, "reference" or "all fixes"; why some lengths failed.
 
-    solve : recording -> trajectory; most : outages of each length. Raises NotEnoughData, DataError.
+    solve : (recording, its name) -> trajectory; most : outages of each length
+    Raises NotEnoughData where there is no GNSS, DataError where all fixes or every length of outages are too little.
     """
     if "gnss" not in recording or not recording["gnss"].num_rows:
         raise NotEnoughData("GNSS to take away", needed="a stream gnss", found="none")
     known = recording.get("reference")
-    truth = solve(recording) if known is None else known
-    found = {}
+    truth = solve(recording, _ALL) if known is None else known
+    found: dict[float, list[Outage]] = {}
+    failed: dict[float, DataError] = {}
     for length in lengths:
-        spans = placed(recording["gnss"], length, most, np.random.default_rng([seed, round(1000.0 * length)]))
-        found[length] = measured(solve(without_fixes(recording, spans)), truth, spans)
-    return found, "all fixes" if known is None else "reference"
+        try:
+            spans = placed(recording["gnss"], length, most, np.random.default_rng([seed, round(1000.0 * length)]))
+            found[length] = measured(solve(without_fixes(recording, spans), _named(length)), truth, spans)
+        except DataError as error:
+            found[length], failed[length] = [], error
+    if failed and len(failed) == len(found):
+        raise next(iter(failed.values()))
+    return found, _ALL if known is None else "reference", {length: error.message for length, error in failed.items()}
 
 
 FIGURES: Final = ("horizontal", "worst", "vertical", "velocity", "heading")

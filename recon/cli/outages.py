@@ -89,7 +89,9 @@ def outages(
 def _as_text(data: Mapping[str, Any]) -> str:
     how = f"pipeline {data['pipeline']}, against {_against(data['against'])}"
     title = f"{', '.join(data['paths'])}: outages of GNSS, {how}"
-    return "\n".join([title, console.table([_HEAD, *_rows(data["lengths"])]), _LEGEND, *_doubts(data)])
+    return "\n".join(
+        [title, console.table([_HEAD, *_rows(data["lengths"])]), _LEGEND, *_lost(data["lengths"]), *_doubts(data)]
+    )
 
 
 def _against(what: str) -> str:
@@ -106,6 +108,12 @@ def _doubts(data: Mapping[str, Any]) -> list[str]:
     doubted = dict.fromkeys(over for text, overs in found.items() if "do not trust" in text for over in overs)
     distrust = f"warning: so what is told of {' and '.join(doubted)} is not to be trusted either"
     return [*lines, distrust] if doubted else lines
+
+
+def _lost(lengths: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Which lengths have no result, and why."""
+    lost = [(one["length_s"], one["lost"]) for one in lengths if one["lost"] is not None]
+    return [f"warning: there is no result with outages of {length:g} s: {why}" for length, why in lost]
 
 
 def _lengths(text: str) -> list[float]:
@@ -152,7 +160,7 @@ def _keep(out: Path, data: Mapping[str, Any], found: Study, *, overwrite: bool) 
     rows = _rows(data["lengths"])
     lines = ["| " + " | ".join(cells) + " |" for cells in (_HEAD, ["---"] * len(_HEAD), *rows)]
     note = f"Errors at the end of outages, medians; pipeline {data['pipeline']}, against {_against(data['against'])}."
-    doubts = [f"\n{text}" for text in _doubts(data)]
+    doubts = [f"\n{text}" for text in (*_lost(data["lengths"]), *_doubts(data))]
     with staged_folder(out, overwrite=overwrite) as folder:
         (folder / "outages.md").write_text("\n".join([*lines, "", note, *doubts, ""]), encoding="utf-8", newline="\n")
         (folder / "outages.json").write_text(to_json(data, indent=1) + "\n", encoding="utf-8", newline="\n")

@@ -11,7 +11,7 @@ import yaml
 
 import recon
 from recon.cli import main
-from recon.cli.outages import _doubts
+from recon.cli.outages import _doubts, _lost
 from recon.errors import ConfigError, NotEnoughData
 from recon.outages import APART_S, measured, placed, simulate, statistics, study, without_fixes
 from recon.overrides import Override
@@ -85,10 +85,28 @@ def test_errors_are_those_at_the_end(drive):
 
 
 def test_statistics_say_nothing_of_sigmas_where_errors_are_shared(drive):
-    found, against = simulate(drive, lambda recording: recording["reference"], [10.0], 2, 0)
-    assert against == "reference"
+    found, against, lost = simulate(drive, lambda recording, name: recording["reference"], [10.0], 2, 0)
+    assert (against, lost) == ("reference", {})
     assert statistics(found[10.0], "all fixes")["within_2_sigma"] is None
     assert statistics(found[10.0], against)["horizontal"]["max"] == 0.0
+
+
+def test_a_length_that_leaves_too_little_is_told_and_the_others_go_on(drive):
+    def solve(recording, name):
+        if name == "outages of 30 s":
+            raise NotEnoughData("bends", needed="one", found="none")
+        return recording["reference"]
+
+    found, _, lost = simulate(drive, solve, [10.0, 30.0, 1e5], 2, 0)
+    assert [len(found[length]) for length in (10.0, 30.0, 1e5)] == [2, 0, 0]
+    assert lost[30.0].startswith("not enough bends")
+    assert lost[1e5].startswith("not enough GNSS for an outage of 100000 s")
+    data = {length: {"length_s": length, "lost": lost.get(length)} for length in found}
+    assert _lost([*data.values()]) == [
+        f"warning: there is no result with outages of {length:g} s: {lost[length]}" for length in (30.0, 1e5)
+    ]
+    with pytest.raises(NotEnoughData, match="bends"):
+        simulate(drive, solve, [30.0, 1e5], 2, 0)
 
 
 def test_the_command_keeps_table_numbers_and_plot(tmp_path, capsys):
