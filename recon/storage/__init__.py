@@ -20,7 +20,7 @@ import pyarrow as pa
 from recon.errors import ConfigError, ContractError, ReadFailed, StorageError
 from recon.problems import Problem, one_of
 from recon.recording import Recording
-from recon.schema import APPENDED, SCHEMA_NUMBER, STREAM_NAME, by_step
+from recon.schema import APPENDED, SCHEMA_NUMBER, STREAM_NAME, STREAMS, TIME_TYPE, by_step, unnumbered
 from recon.storage import mcap, parquet
 from recon.storage.atomic import refuse_existing, staged_file, staged_folder
 from recon.tables import build, conform, schema_of, with_meta
@@ -149,6 +149,7 @@ def _refuse_damaged(table: pa.Table, name: str, path: Path) -> None:
     """Raises ReadFailed where a table cannot be a stream: checksums do not cover all that files say of columns."""
     step = "reading"
     try:
+        _refuse_other_times(table, name, path)
         if name in APPENDED:
             build(by_step(name), **{column: table[column] for column in table.column_names})
         conform(table, schema_of(table), stream=name, step=step)
@@ -156,3 +157,10 @@ def _refuse_damaged(table: pa.Table, name: str, path: Path) -> None:
         raise ReadFailed(path, error.message.removeprefix(f"step {step}: "), hint=_AGAIN) from error
     except (pa.ArrowException, ValueError, TypeError, LookupError, RecursionError) as error:
         raise ReadFailed(path, f"what it says of stream '{name}' is damaged", hint=_AGAIN) from error
+
+
+def _refuse_other_times(table: pa.Table, name: str, path: Path) -> None:
+    kind = table.schema.field("time").type if "time" in table.column_names else None
+    if (kind is None and "time" in STREAMS.get(unnumbered(name), ())) or kind not in (None, TIME_TYPE):
+        what = "has no times" if kind is None else f"has times of type {kind}, where recon writes {TIME_TYPE}"
+        raise ReadFailed(path, f"stream '{name}' {what}", hint=_AGAIN)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -34,6 +35,8 @@ from recon.tables import build
 MAGIC: Final = b"PAR1"
 ABOUT: Final = "recording.json"
 
+_PANDAS_INDEX: Final = re.compile(r"__index_level_\d+__")
+"""Columns that pandas writes for row numbers."""
 _LEVEL: Final = -1
 """Of zstd. Most bytes of a double are noise that no level makes smaller: by 1, the default, it takes a fifth longer."""
 
@@ -124,19 +127,29 @@ def _adopted(table: pa.Table, path: Path) -> pa.Table:
     if name not in STREAMS:
         hint = did_you_mean(name, STREAMS) or f"streams are {', '.join(STREAMS)}"
         raise ReadFailed(path, f"it was not written by recon, and '{path.stem}' is the name of no stream", hint=hint)
+    table = table.drop_columns([column for column in table.column_names if _PANDAS_INDEX.fullmatch(column)])
     schema = STREAMS[name]
     missing = [c.name for c in schema.columns if not c.optional and c.name not in table.column_names]
     unknown = [column for column in table.column_names if column not in schema]
-    if missing or unknown:
+    doubled = [column for column, count in Counter(table.column_names).items() if count > 1]
+    if missing or unknown or doubled:
         faults = [f"it lacks {missing}"] * bool(missing) + [f"it has {unknown}, which are unknown"] * bool(unknown)
+        faults += [f"it has {doubled} more than once"] * bool(doubled)
         hint = f"columns of '{name}' are {', '.join(schema.names)}"
         raise ReadFailed(path, f"it was not written by recon, and as '{name}' {' and '.join(faults)}", hint=hint)
     return build(schema, **{column: _cast(table[column], column, schema, path) for column in table.column_names})
 
 
 def _cast(values: pa.ChunkedArray, name: str, schema: Schema, path: Path) -> pa.ChunkedArray:
+    """Numbers that are none become null, as recon writes what is not known."""
     kind = schema[name].type
+    what = f"column {name} is {values.type}, which cannot be taken as {kind}"
+    if pa.types.is_timestamp(kind) and pa.types.is_integer(values.type):
+        raise ReadFailed(path, what, hint="whole numbers do not tell what they count: write them as timestamps")
     try:
-        return values.cast(kind)
+        found = values.cast(kind)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-        raise ReadFailed(path, f"column {name} is {values.type}, which cannot be taken as {kind}") from error
+        raise ReadFailed(path, what, hint="write it as that") from error
+    if pa.types.is_floating(kind):
+        return pa.chunked_array([pa.array(found.to_numpy(), type=kind, from_pandas=True)])
+    return found

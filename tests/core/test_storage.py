@@ -277,6 +277,39 @@ def test_a_foreign_table_is_refused_by_what_it_lacks_and_what_is_unknown(tmp_pat
         read_recording(tmp_path / "baro.parquet")
 
 
+def test_a_stream_of_recon_with_other_times_is_refused(tmp_path: Path) -> None:
+    kept = with_meta(build(BARO, time=np.array([1000, 2000]), pressure=np.array([1e5, 2e5])))
+    seconds = kept.set_column(0, "time", kept["time"].cast(pa.timestamp("us", "UTC")))
+    for table, told in ((seconds, r"times of type timestamp\[us, tz=UTC\]"), (kept.drop_columns(["time"]), "no times")):
+        pq.write_table(table.replace_schema_metadata(kept.schema.metadata), tmp_path / "baro.parquet")
+        with pytest.raises(ReadFailed, match=f"stream 'baro' has {told}"):
+            read_recording(tmp_path / "baro.parquet")
+
+
+def test_whole_numbers_are_no_times(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"time": [1_715_934_600_000], "pressure": [1.0]}), tmp_path / "baro.parquet")
+    with pytest.raises(ReadFailed, match="column time is int64, which cannot be taken as timestamp") as caught:
+        read_recording(tmp_path / "baro.parquet")
+    assert caught.value.hint == "whole numbers do not tell what they count: write them as timestamps"
+
+
+def test_a_foreign_table_with_a_column_twice_is_refused(tmp_path: Path) -> None:
+    times, pressure = pa.array([1], pa.timestamp("us")), pa.array([1e5])
+    pq.write_table(
+        pa.Table.from_arrays([times, pressure, pressure], ["time", "pressure", "pressure"]), tmp_path / "baro.parquet"
+    )
+    with pytest.raises(ReadFailed, match=r"it has \['pressure'\] more than once"):
+        read_recording(tmp_path / "baro.parquet")
+
+
+def test_numbers_that_are_none_and_the_index_of_pandas_are_left_out_of_a_foreign_table(tmp_path: Path) -> None:
+    plain = {"time": pa.array([1, 2], pa.timestamp("us")), "pressure": [1e5, float("nan")], "__index_level_0__": [4, 7]}
+    pq.write_table(pa.table(plain), tmp_path / "baro.parquet")
+    taken = read_recording(tmp_path / "baro.parquet")["baro"]
+    assert taken["pressure"].to_pylist() == [1e5, None]
+    assert taken.column_names == ["time", "pressure"]
+
+
 def test_a_foreign_table_of_another_name_gets_the_nearest_one(tmp_path: Path) -> None:
     pq.write_table(pa.table({"time": [1]}), tmp_path / "gns.parquet")
     with pytest.raises(ReadFailed, match="did you mean 'gnss'") as caught:

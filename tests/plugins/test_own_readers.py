@@ -12,10 +12,10 @@ import pytest
 import recon
 import recon_readers.mcap
 import recon_readers.parquet
-from recon import Registry
+from recon import Registry, Streams
 from recon.errors import ReadFailed
 from recon.recording import Recording
-from recon.rows import Event, events
+from recon.rows import Event, events, warnings_of
 from recon.schema import IMU, Change, Column, by_step
 from recon.storage import STORES, write_recording
 from recon.tables import build, conform, with_meta
@@ -124,5 +124,29 @@ def test_damage_is_reported_as_such(tmp_path: Path) -> None:
 
 
 def test_a_plain_table_of_another_program_is_read(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"time": pa.array([1, 2]), "pressure": [1e5, 1e5]}), tmp_path / "baro.parquet")
+    plain = {"time": pa.array([1, 2], pa.timestamp("ns")), "pressure": [1e5, 1e5]}
+    pq.write_table(pa.table(plain), tmp_path / "baro.parquet")
     assert read(tmp_path / "baro.parquet", "parquet")["baro"].num_rows == 2
+
+
+def receiver(folder: Path, lat: list[float]) -> Streams:
+    rows = len(lat)
+    times = pa.array(range(rows), pa.timestamp("s")).cast(pa.timestamp("us"))
+    sigmas = {f"pos_std_{axis}": [0.0] + [2.0] * (rows - 1) for axis in "enu"}
+    table = pa.table({"time": times, "lat": lat, "lon": [11.0] * rows, "satellites": [7] * rows, **sigmas})
+    pq.write_table(table, folder / "gnss.parquet")
+    return read(folder / "gnss.parquet", "parquet")
+
+
+def test_what_no_vehicle_shows_is_left_out_of_a_plain_table(tmp_path: Path) -> None:
+    streams = receiver(tmp_path, [44.0, 444.0, *[44.0] * 200])
+    gnss = streams["gnss"]
+    assert (gnss["lat"].null_count, gnss["lat"][1].as_py(), gnss["pos_std_e"][0].as_py()) == (1, None, None)
+    assert gnss["satellites"].to_pylist() == [7] * 202
+    (text,) = warnings_of(streams["metrics"])
+    assert "gnss.lat is 444 in row 1, outside -90 to 90" in text
+
+
+def test_a_plain_table_of_another_unit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ReadFailed, match=r"gnss\.lat is 4\.4e\+08 in row 0, outside -90 to 90"):
+        receiver(tmp_path, [44e7] * 3)
