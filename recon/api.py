@@ -71,8 +71,9 @@ class Run:
         return list(self.manifest.get("warnings", []))
 
     def summary(self) -> dict[str, float]:
-        """distance m, duration s, top_speed m/s and its sigma, stops, warnings; without what the run does not tell."""
-        found = summarize(self.recording.get("trajectory"), self.recording.get("gnss"), self.events)
+        """distance m, duration s, top_speed m/s, their sigmas, stops, warnings; without what the run does not tell."""
+        streams = self.recording
+        found = summarize(streams.get("trajectory"), streams.get("gnss"), self.events, streams.get("knots"))
         return {**found, "warnings": len(self.warnings)}
 
     @property

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 _MEASURED: Final = ("gnss", "reference", "wheel")
 """Streams of the first run that are drawn beside the trajectories."""
-_UNITS: Final = {"distance": "m", "duration": "s", "top_speed": "m/s", "top_speed_sigma": "m/s"}
+_UNITS: Final = {
+    "distance": "m", "distance_sigma": "m", "duration": "s", "top_speed": "m/s", "top_speed_sigma": "m/s",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

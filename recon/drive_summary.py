@@ -27,24 +27,29 @@ _MOVES: Final = 0.3
 """m/s; slower is none of a vehicle that moves: about 1 km/h, which a door that is slammed does not reach."""
 
 
-def summarize(trajectory: pa.Table | None, gnss: pa.Table | None, happened: pa.Table | None = None) -> dict[str, float]:
+def summarize(
+    trajectory: pa.Table | None,
+    gnss: pa.Table | None,
+    happened: pa.Table | None = None,
+    knots: pa.Table | None = None,
+) -> dict[str, float]:
     """distance m, duration s and top_speed m/s of a trajectory, or as far as GNSS alone tells them, and stops.
 
     Of rows that hold a position and a velocity; what nothing tells is left out. Without a standstill that no stop was
     found is told only where the vehicle was seen never to be slow: elsewhere perhaps nothing looked for one. Where the
     trajectory has sigmas, top_speed is the speed of the row that is fastest by the lower end of its interval of 95 %,
-    and top_speed_sigma its sigma.
+    and top_speed_sigma its sigma. Where the fuser tells it, distance_sigma is how well the last row is known from the
+    first, east and north together: enough for a straight way, and what the distance of turning ones err by.
 
-    happened : the events of the run
+    happened, knots : the streams `events` and `knots` of the run
     """
-    known = (
-        Trajectory(select_rows(trajectory, known_rows(trajectory, "pos", "vel"))) if trajectory is not None else None
-    )
     stood = spans(happened, "standstill")
-    if known is not None and len(known):
-        t_ns, speed = time_ns(known.table), known.speed
-        stood = _joined(stood, t_ns, speed)
-        found = {"distance": _way(known, stood), "duration": known.duration, **_top(known.table, speed)}
+    rows = select_rows(trajectory, known_rows(trajectory, "pos", "vel")) if trajectory is not None else None
+    if rows is not None and rows.num_rows:
+        known = Trajectory(rows, knots)
+        speed = known.speed
+        stood = _joined(stood, time_ns(rows), speed)
+        found = {"distance": _way(known, stood), "duration": known.duration, **_doubt(known), **_top(rows, speed)}
     else:
         found, speed = _of_fixes(gnss) if gnss is not None and gnss.num_rows else ({}, np.empty(0))
     never_slow = happened is not None and len(speed) > 0 and bool(speed.min() > _MOVES)
@@ -71,6 +76,14 @@ def _way(known: Trajectory, stood: Spans) -> float:
         rest = slice(first, max(last - 1, first))
         steps[rest][slow[rest]] = 0.0
     return float(steps.sum())
+
+
+def _doubt(known: Trajectory) -> dict[str, float]:
+    if known.knots is None:
+        return {}
+    first, last = time_ns(known.table)[[0, -1]].view("datetime64[ns]")
+    spread = known.between(first, last).displacement_covariance[:2, :2]
+    return {"distance_sigma": float(np.sqrt(np.trace(spread)))} if np.isfinite(spread).all() else {}
 
 
 def _top(table: pa.Table, speed: Array) -> dict[str, float]:

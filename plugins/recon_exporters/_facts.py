@@ -3,7 +3,7 @@
     name, recon, pipeline, plan, inputs, outputs   from the manifest
     versions      of Python and the packages on which the numbers rest
     warnings      what the user should know before he believes the result
-    summary       start and end of the run, s; distance, m; top_speed, m/s, with top_speed_sigma; stops
+    summary       start and end of the run, s; distance, m, and top_speed, m/s, with their sigmas; stops
     sigmas        of the trajectory, one standard deviation: median, p95, max
     residuals     by sensor and component: accepted and rejected ones, mean and rms of the accepted ones in their own
                   unit, rms of value / sigma (1 if the sigmas are true), share beyond two sigma (normal: 4.55 %)
@@ -94,7 +94,7 @@ def _versions(environment: Mapping[str, Any]) -> Json:
 
 def _summary(streams: Mapping[str, pa.Table], start: int, end: int) -> Json:
     found: Json = {"start": moment(start), "end": moment(end), "span": (end - start) * 1e-9}
-    return found | summarize(streams.get("trajectory"), streams.get("gnss"), streams.get("events"))
+    return found | summarize(*(streams.get(name) for name in ("trajectory", "gnss", "events", "knots")))
 
 
 def _sigmas(trajectory: pa.Table | None) -> Iterator[Json]:

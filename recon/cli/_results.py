@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from recon.api import Run
 
 MOST_WARNINGS: Final = 8
+_SURE_M: Final = 0.5
+"""m of sigma below which a distance is told without it."""
 
 
 @contextmanager
@@ -85,7 +87,7 @@ def as_text(finished: Run) -> str:
 
     facts, crash = finished.summary(), crash_summary(finished.recording)
     rows = [
-        ("distance", f"{facts['distance']:,.1f} m" if "distance" in facts else ""),
+        ("distance", _distance(facts) if "distance" in facts else ""),
         ("duration", f"{facts['duration']:,.1f} s" if "duration" in facts else ""),
         ("top speed", _speed(facts["top_speed"]) if "top_speed" in facts else ""),
         ("stops", f"{facts['stops']:.0f}" if "stops" in facts else ""),
@@ -125,6 +127,13 @@ def _number(name: str, row: Mapping[str, Any]) -> str:
     if name == "pdof":
         return f"{text}, clockwise from the front: {clock(math.radians(row['value']))} o'clock"
     return f"{text}, {row['note']}" if name == "speed_before" and row["note"] else text
+
+
+def _distance(facts: Mapping[str, float]) -> str:
+    """To a tenth of a metre, and how well it is known where that is less."""
+    sigma = facts.get("distance_sigma", 0.0)
+    doubt = f" (sigma {sigma:,.{sigma < 10.0:d}f} m)" if sigma > _SURE_M else ""
+    return f"{facts['distance']:,.1f} m{doubt}"
 
 
 def _speed(value: float) -> str:

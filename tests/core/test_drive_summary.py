@@ -6,11 +6,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+import recon
 from recon.drive_summary import summarize
 from recon.numerics.rotation import from_euler
+from recon.recording import Recording
 from recon.rows import Event, events
 from recon.schema import GNSS, TRAJECTORY
 from recon.tables import build, matrix, replace
+from recon_simulators.drive import simulate_drive
+from recon_simulators.drive_params import DriveParams
 
 EPS = np.finfo(float).eps
 START_NS = 1714550400_000000000
@@ -91,3 +95,16 @@ def test_a_top_speed_is_one_that_is_known() -> None:
     found = summarize(driven(speed, sigma), None)
     assert found["top_speed"] == 20.2
     assert found["top_speed_sigma"] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("outage_s", "at_least", "at_most"), [(0.0, 0.05, 1.0), (14.0, 1.0, 30.0)])
+def test_a_distance_that_gnss_leaves_open_has_the_sigma_of_it(outage_s: float, at_least: float, at_most: float) -> None:
+    """A drive of 44 s, in the second case without fixes from right before the impact on."""
+    params = DriveParams(
+        motion="crash", seed=3, accel_full_scale=1000.0, outages=((44.0 - outage_s, 60.0),) if outage_s else ()
+    )
+    log = simulate_drive(params)
+    found = recon.run("best_accuracy", Recording({name: log[name] for name in ("imu", "gnss")})).summary()
+    way = np.linalg.norm(np.diff(matrix(log["reference"], "pos"), axis=0), axis=1).sum()
+    assert at_least < found["distance_sigma"] < at_most
+    assert abs(found["distance"] - way) < 3.0 * found["distance_sigma"]
