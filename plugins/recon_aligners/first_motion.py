@@ -9,14 +9,17 @@ is that which the vehicle would have driven without turning: a straight line in 
 whatever bends it drove. The line is fitted to all its points, which halves the error that the noise of the two
 outermost ones alone would leave. Roll and pitch are zero: the vehicle is taken to start on level ground.
 
+The scatter about the line shows what is new in every fix. Receivers err by much the same for minutes as well, which
+hardly scatters, but turns the line: half of the variance that the receiver tells is taken to last for 100 s.
+
 References
-    Thesis, section 5.2.
+    Thesis, section 5.2. Gelb (1974), "Applied Optimal Estimation", ch. 3.6 (Gauss-Markov process).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -45,8 +48,14 @@ from recon import (
 from recon.errors import NotEnoughData
 from recon.numerics.integration import cumulative
 from recon.numerics.rotation import Floats, from_euler, heading_from_yaw, yaw_from_heading
+from recon.tables import vector_or_nan
 
 Complexes: TypeAlias = NDArray[np.complex128]
+
+TYPICAL_M: Final = 3.0
+"""Horizontal sigma of a fix, each axis, where the receiver tells none."""
+LASTING_SHARE, LASTING_S = 0.5, 100.0
+"""Of the variance of a fix what lasts, and for how long."""
 
 
 class FirstMotionParams(Params):
@@ -105,14 +114,16 @@ def _first_motion(imu: pa.Table, gnss: pa.Table | None, distance: float) -> Head
         return None
     t_s, fix_s = seconds(imu), seconds(gnss, since=int(time_ns(imu)[0]))
     pos_n = np.column_stack([vector(gnss, name, gaps=True) for name in ("pos_e", "pos_n")])
+    told = np.hypot(*(vector_or_nan(gnss, f"pos_std_{axis}") for axis in "en")) / np.sqrt(2.0)
     usable = np.isfinite(pos_n).all(axis=1) & (fix_s >= 0.0) & (fix_s <= t_s[-1])
-    fix_s, pos_n = fix_s[usable], pos_n[usable]
+    fix_s, pos_n, told = fix_s[usable], pos_n[usable], told[usable]
     far = np.flatnonzero(np.hypot(*(pos_n - pos_n[:1]).T) >= distance)
     if not len(far):
         return None
     until = slice(0, far[0] + 1)
     turned = cumulative(t_s, vector(imu, "gyro_z"), "trapezoid")
-    return _fit(_unturned(fix_s[until], pos_n[until], t_s, turned))
+    sigma = np.where(told[until] > 0.0, told[until], TYPICAL_M)
+    return _fit(fix_s[until], _unturned(fix_s[until], pos_n[until], t_s, turned), np.sqrt(LASTING_SHARE) * sigma)
 
 
 def _unturned(fix_s: Floats, pos_n: Floats, t_s: Floats, turned: Floats) -> Complexes:
@@ -127,17 +138,35 @@ def _unturned(fix_s: Floats, pos_n: Floats, t_s: Floats, turned: Floats) -> Comp
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def _fit(track: Complexes) -> Heading:
-    """Direction of the line through the track, by least squares across it, towards its last point."""
+def _fit(fix_s: Floats, track: Complexes, lasting: Floats) -> Heading:
+    """Direction of the line through the track, by least squares across it, towards its last point.
+
+    fix_s : (m,) s; track : (m,) m; lasting : (m,) m, sigma of the error of each that lasts
+    """
     centred = track - track.mean()
     yaw = float(np.angle(np.sum(centred**2))) / 2.0
     if (track[-1] * np.exp(-1j * yaw)).real < 0.0:
         yaw += np.pi
     seen = centred * np.exp(-1j * yaw)
-    free = len(track) - 2
-    scatter = float(np.sqrt(np.sum(seen.imag**2) / free)) if free else None
-    sigma = None if scatter is None else scatter / float(np.linalg.norm(seen.real))
-    return Heading(yaw, sigma, "first motion")
+    free, along = len(track) - 2, seen.real
+    scatter = float(np.sum(seen.imag**2)) / free if free else 0.0
+    turning = along / float(along @ along)
+    variance = scatter * float(turning @ turning) + _lasting_variance(fix_s, turning * lasting)
+    return Heading(yaw, float(np.sqrt(variance)), "first motion")
+
+
+def _lasting_variance(fix_s: Floats, pulls: Floats) -> float:
+    """Variance of the sum of errors that last: sum over i, j of p_i p_j exp(-|t_i - t_j| / LASTING_S).
+
+    fix_s : (m,) s, rising; pulls : (m,), sigma of each
+    """
+    kept = np.exp(-np.diff(fix_s, prepend=fix_s[0]) / LASTING_S)
+    variance, before = 0.0, 0.0
+    for pull, share in zip(pulls.tolist(), kept.tolist(), strict=True):
+        before *= share
+        variance += pull * (pull + 2.0 * before)
+        before += pull
+    return variance
 
 
 @hookimpl
@@ -145,9 +174,10 @@ def declare_aligners() -> Iterable[Aligner]:
     """Declare aligner.first_motion."""
     yield Aligner(
         name="first_motion",
+        version=2,
         summary="Initial heading from the first GNSS displacement, which is taken to be forward.",
         params=FirstMotionParams,
-        reads={"imu": IMU.need("gyro", frame="vehicle"), "gnss": GNSS.need(maybe=["pos"], optional=True)},
+        reads={"imu": IMU.need("gyro", frame="vehicle"), "gnss": GNSS.need(maybe=["pos", "pos_std"], optional=True)},
         writes={"attitude": ATTITUDE},
         run=initial_attitude,
         references=("Thesis, section 5.2",),

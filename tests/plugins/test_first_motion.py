@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from recon import GNSS, IMU, build, matrix, replace, time_ns
 from recon.errors import NotEnoughData
@@ -73,15 +74,31 @@ def test_noise_of_the_fixes_is_averaged_and_its_sigma_is_honest():
     for seed in range(40):
         gnss = gnss_of(straight(0.5), 10.0)
         pos = matrix(gnss, "pos") + np.random.default_rng(seed).normal(0.0, 0.5, (gnss.num_rows, 3))
-        result = initial_attitude(
-            imu=imu_of(straight(0.5), 10.0), gnss=replace(gnss, pos=pos), params=FirstMotionParams()
-        )
+        gnss = build(GNSS, time=time_ns(gnss), pos=pos, pos_std=np.full(pos.shape, 0.5))
+        result = initial_attitude(imu=imu_of(straight(0.5), 10.0), gnss=gnss, params=FirstMotionParams())
         errors.append(heading(result)[0] - 90.0 + np.degrees(0.5))
         sigmas.append(result["metrics"].to_pylist()[0]["sigma"])
     # 40 draws: errors over sigma have unit variance, known to sqrt(2 / 40) = 0.22; four of those. The two outermost
     # points alone would leave 0.5 m sqrt(2) / 10 m = 4.1 deg.
     assert np.mean(np.square(np.divide(errors, sigmas))) == pytest.approx(1.0, abs=4 * 0.22)
     assert np.std(errors) < 4.1 * 0.75
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_errors_that_last_for_minutes_are_in_the_sigma(told):
+    over = []
+    for seed in range(40):
+        rng, gnss = np.random.default_rng(seed), gnss_of(straight(0.5), 10.0)
+        step = np.exp(-0.2 / 100.0)
+        drawn = 3.0 * np.sqrt(0.5) * rng.standard_normal((gnss.num_rows, 3))
+        drawn[1:] *= np.sqrt(1.0 - step**2)
+        slow = lfilter([1.0], [1.0, -step], drawn, axis=0)
+        gnss = replace(gnss, pos=matrix(gnss, "pos") + slow)
+        if told:
+            gnss = build(GNSS, time=time_ns(gnss), pos=matrix(gnss, "pos"), pos_std=np.full((gnss.num_rows, 3), 3.0))
+        result = initial_attitude(imu=imu_of(straight(0.5), 10.0), gnss=gnss, params=FirstMotionParams())
+        over.append((heading(result)[0] - 90.0 + np.degrees(0.5)) / result["metrics"].to_pylist()[0]["sigma"])
+    assert np.mean(np.square(over)) == pytest.approx(1.0, abs=4 * 0.22)  # as above
 
 
 def test_a_heading_given_by_hand_wins():
